@@ -1,0 +1,1 @@
+"""Volumetric porous materials: recipe in; analysed, printable, simulation-ready geometry out."""

@@ -1,0 +1,1 @@
+"""The loops: the only folder that imports numba. Arrays in, arrays out."""

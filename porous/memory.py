@@ -1,0 +1,46 @@
+"""The gate before every large allocation: what the work needs against what there is."""
+
+from __future__ import annotations
+
+import psutil
+
+from porous.errors import MemoryLimitError
+
+SHARE = 0.8
+"""Part of the free memory that porous takes at most."""
+
+
+def available() -> int:
+    """Return how many bytes porous may take: 80 % of what is free."""
+    return int(psutil.virtual_memory().available * SHARE)
+
+
+def readable(amount: float) -> str:
+    """Return a number of bytes for people: ``1.5 GiB``."""
+    for unit in ("B", "KiB", "MiB", "GiB", "TiB", "PiB"):
+        if amount < 1024 or unit == "PiB":
+            break
+        amount /= 1024
+    return f"{amount:.3g} {unit}" if unit != "PiB" or amount < 1e4 else f"{amount:.1e} {unit}"
+
+
+def check_memory(needed: float, what: str, remedy: str, *, limit: int | None = None) -> None:
+    """Raise ``MemoryLimitError`` where ``needed`` bytes are more than ``limit`` or than there is.
+
+    Parameters
+    ----------
+    needed
+        Estimate in bytes; may be astronomically large.
+    what
+        What would need it: ``"a grid of 9³ voxels"``.
+    remedy
+        What the user can do instead.
+    limit
+        In bytes; ``available()`` where not given.
+    """
+    bound = available() if limit is None else limit
+    if needed > bound:
+        raise MemoryLimitError(
+            f"{what} would need {readable(needed)} of memory; "
+            f"{readable(bound)} may be used. {remedy}"
+        )

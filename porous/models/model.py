@@ -1,0 +1,72 @@
+"""What a model is: a small protocol, and what it may be able to do besides."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from porous.values import Box, Frame, Measure, Pattern, SurfaceMesh
+
+
+@runtime_checkable
+class Model(Protocol):
+    """A set of space that can be asked which sample points lie in it.
+
+    ``domain`` is the box that is sampled, ``bulk`` the box that porosity refers to; neither
+    depends on the level. Lengths are in ``unit``.
+    """
+
+    @property
+    def unit(self) -> str:
+        """Unit of length."""
+
+    @property
+    def domain(self) -> Box:
+        """The box that is sampled."""
+
+    @property
+    def bulk(self) -> Box:
+        """The body that porosity refers to."""
+
+    def sample(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
+        """Return the mask of each voxel of ``frame``, shape ``frame.shape``.
+
+        Bit r·C + c is set where the pattern's point (r, c) of that voxel lies in the set.
+        Depends on nothing but its arguments, so tiles can be sampled in any order.
+        """
+
+
+@runtime_checkable
+class HasCover(Protocol):
+    """A model whose closed set can be covered with a certificate."""
+
+    def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
+        """Return a mark for every voxel that the set touches, possibly a few more, and a bound.
+
+        The bound is on the Hausdorff distance between the marked voxels and the set, in the
+        model's unit.
+        """
+
+
+@runtime_checkable
+class HasBoundary(Protocol):
+    """A model whose boundary can be computed exactly."""
+
+    def boundary(self) -> SurfaceMesh:
+        """Return the closed, oriented boundary.
+
+        Raises ``ModelError`` where its topology would not be certain.
+        """
+
+
+@runtime_checkable
+class HasExact(Protocol):
+    """A model with measures in closed form."""
+
+    def exact(
+        self, periodic: tuple[bool, bool, bool] = (False, False, False)
+    ) -> tuple[Measure, ...]:
+        """Return what is known in closed form for this level and periodicity, if anything."""

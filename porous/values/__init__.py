@@ -1,0 +1,29 @@
+"""What flows: frozen values of numpy arrays and plain numbers, validated at the door."""
+
+from porous.values.box import Box
+from porous.values.frame import Frame
+from porous.values.grid import VoxelGrid
+from porous.values.job import Compression, Job, Material
+from porous.values.measure import Measure, Measures
+from porous.values.pattern import CENTRE, FILL, Pattern
+from porous.values.surface import SurfaceMesh
+from porous.values.volume_mesh import SHAPES, Block, Part, VolumeMesh
+
+__all__ = [
+    "CENTRE",
+    "FILL",
+    "SHAPES",
+    "Block",
+    "Box",
+    "Compression",
+    "Frame",
+    "Job",
+    "Material",
+    "Measure",
+    "Measures",
+    "Part",
+    "Pattern",
+    "SurfaceMesh",
+    "VolumeMesh",
+    "VoxelGrid",
+]

@@ -1,0 +1,80 @@
+"""A body in voxels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import GridError
+from porous.values.value import Value, frozen
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from porous.values.frame import Frame
+
+SAMPLINGS = ("fill", "centre", "cover")
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelGrid(Value):
+    """The solid volume fraction of each voxel of a frame: 0 is void, 255 is solid.
+
+    Parameters
+    ----------
+    frame
+        Where the voxels lie.
+    fill
+        uint8, shape ``frame.shape``, axes (x, y, z).
+    bulk
+        uint8 or None: which part of each voxel belongs to the body that porosity refers to,
+        where that is not the whole frame.
+    sampling
+        How ``fill`` was made: fill, centre or cover.
+    hausdorff
+        A bound on the Hausdorff distance between the solid voxels and the set, in ``frame.unit``.
+
+    Raises
+    ------
+    GridError
+        Where shapes disagree or the sampling is not known.
+    """
+
+    frame: Frame
+    fill: NDArray[np.uint8]
+    bulk: NDArray[np.uint8] | None = None
+    sampling: str = "fill"
+    hausdorff: float | None = None
+
+    def __post_init__(self) -> None:
+        self._set("fill", _bytes(self.fill, "fill", self.frame))
+        if self.bulk is not None:
+            self._set("bulk", _bytes(self.bulk, "bulk", self.frame))
+        if self.sampling not in SAMPLINGS:
+            raise GridError(f"sampling: got {self.sampling!r}; wanted one of {SAMPLINGS}")
+        if self.hausdorff is not None and not self.hausdorff >= 0:
+            raise GridError(f"hausdorff: got {self.hausdorff}; wanted a distance or None")
+
+    @classmethod
+    def of_solid(
+        cls, solid: NDArray[np.bool_], frame: Frame, *, sampling: str = "centre"
+    ) -> VoxelGrid:
+        """Return the binary grid whose solid voxels are True in ``solid``."""
+        return cls(frame, np.where(solid, np.uint8(255), np.uint8(0)), sampling=sampling)
+
+    @property
+    def solid(self) -> NDArray[np.bool_]:
+        """The boolean view: True where at least half of the voxel is solid (fill ≥ 128)."""
+        result: NDArray[np.bool_] = self.fill >= 128
+        return result
+
+
+def _bytes(array: object, what: str, frame: Frame) -> NDArray[np.uint8]:
+    given = np.asarray(array)
+    if given.dtype != np.uint8:
+        raise GridError(f"{what}: got {given.dtype}; wanted uint8, 0 = void and 255 = solid")
+    if given.shape != frame.shape:
+        raise GridError(f"{what}: got shape {given.shape}; the frame has {frame.shape}")
+    return frozen(given, np.uint8)

@@ -1,0 +1,113 @@
+"""A triangulated surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import MeshError
+from porous.values.box import Box
+from porous.values.units import check_unit
+from porous.values.value import Value, frozen
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMesh(Value):
+    """Triangles, counter-clockwise seen from outside the solid.
+
+    Parameters
+    ----------
+    points
+        float64, shape (n, 3), in ``unit``.
+    triangles
+        int64, shape (t, 3), indices of points.
+    unit
+        Unit of length.
+    labels
+        int16, shape (t,): index into ``names`` of each triangle's part; all zero where not given.
+    names
+        Names of the parts: ``("WALL", "XMIN", …)``. Caps of periodic or open grids carry the name
+        of the face they close; ``interface_area`` leaves them out.
+
+    Raises
+    ------
+    MeshError
+        For NaN points or indices out of range. Whether the surface is closed is not asked here.
+    """
+
+    points: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    unit: str = "mm"
+    labels: NDArray[np.int16] | None = None
+    names: tuple[str, ...] = ("WALL",)
+
+    def __post_init__(self) -> None:
+        self._set("points", frozen(self.points, np.float64))
+        self._set("triangles", frozen(self.triangles, np.int64))
+        check_unit(self.unit)
+        points_checked(self.points, "surface")
+        indices_checked(self.triangles, len(self.points), 3, "triangles")
+        labels = np.zeros(len(self.triangles), np.int16) if self.labels is None else self.labels
+        self._set("labels", frozen(labels, np.int16))
+        self._set("names", tuple(self.names))
+        assert self.labels is not None
+        if self.labels.shape != (len(self.triangles),):
+            raise MeshError(f"labels: got {self.labels.shape}; wanted one per triangle")
+        if len(self.labels) and not 0 <= self.labels.min() <= self.labels.max() < len(self.names):
+            raise MeshError(f"labels: wanted indices into the {len(self.names)} names")
+
+    @property
+    def box(self) -> Box:
+        """The tight box of the points."""
+        return Box.of_points(self.points)
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """The triangles' corners, shape (t, 3, 3): triangle, corner, axis."""
+        result: NDArray[np.float64] = self.points[self.triangles]
+        return result
+
+    @property
+    def area_vectors(self) -> NDArray[np.float64]:
+        """Outward normals as long as the triangles' areas, shape (t, 3), in ``unit`` squared."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        return np.asarray(np.cross(b - a, c - a) / 2)
+
+    @property
+    def area(self) -> float:
+        """Sum of the triangles' areas, in ``unit`` squared."""
+        return float(np.linalg.norm(self.area_vectors, axis=1).sum())
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume by the divergence theorem, in ``unit`` cubed."""
+        if not len(self.triangles):
+            return 0.0
+        centre = self.points.mean(axis=0)
+        return float(
+            np.einsum("ij,ij->", self.corners.mean(axis=1) - centre, self.area_vectors) / 3
+        )
+
+
+def points_checked(points: NDArray[np.float64], what: str) -> None:
+    """Raise ``MeshError`` where points are not (n, 3) finite numbers."""
+    if points.ndim != 2 or points.shape[1:] != (3,):
+        raise MeshError(f"{what} points: got shape {points.shape}; wanted (n, 3)")
+    if not np.isfinite(points).all():
+        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise MeshError(f"{what} points: point {bad} is {points[bad].tolist()}; wanted numbers")
+
+
+def indices_checked(cells: NDArray[np.int64], points: int, corners: int, what: str) -> None:
+    """Raise ``MeshError`` where cells are not (n, corners) indices below ``points``."""
+    if cells.ndim != 2 or cells.shape[1:] != (corners,):
+        raise MeshError(f"{what}: got shape {cells.shape}; wanted (n, {corners})")
+    if cells.size and not 0 <= cells.min() <= cells.max() < points:
+        raise MeshError(
+            f"{what}: indices run from {cells.min()} to {cells.max()}; there are {points} points"
+        )

@@ -1,0 +1,163 @@
+"""A mesh of volume elements with named parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import MeshError
+from porous.values.surface import indices_checked, points_checked
+from porous.values.units import check_unit
+from porous.values.value import Value, frozen
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A kind of volume element: its nodes, its VTK number and its outward faces."""
+
+    nodes: int
+    vtk: int
+    faces: tuple[tuple[int, ...], ...]
+    """Local nodes of each face, counter-clockwise seen from outside; VTK node order."""
+
+
+SHAPES: Mapping[str, Shape] = MappingProxyType(
+    {
+        "tet4": Shape(4, 10, ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))),
+        "hex8": Shape(
+            8,
+            12,
+            (
+                (0, 3, 2, 1),
+                (4, 5, 6, 7),
+                (0, 1, 5, 4),
+                (1, 2, 6, 5),
+                (2, 3, 7, 6),
+                (3, 0, 4, 7),
+            ),
+        ),
+        "tet10": Shape(10, 24, ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))),
+    }
+)
+"""The elements there are. Faces are numbered as CalculiX and Abaqus number S1, S2, …"""
+
+PART_KINDS = ("nodes", "faces", "cells")
+
+
+@dataclass(frozen=True, eq=False)
+class Block(Value):
+    """Cells of one shape: ``cells`` is int64, shape (n, nodes of the shape)."""
+
+    shape: str
+    cells: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        if self.shape not in SHAPES:
+            raise MeshError(f"block: got shape {self.shape!r}; wanted one of {', '.join(SHAPES)}")
+        self._set("cells", frozen(self.cells, np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class Part(Value):
+    """A named set: of nodes (n,), of cells (n,), or of faces (n, 2) as (cell, local face)."""
+
+    kind: str
+    members: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        if self.kind not in PART_KINDS:
+            raise MeshError(f"part: got kind {self.kind!r}; wanted one of {PART_KINDS}")
+        self._set("members", frozen(self.members, np.int64))
+        if self.members.ndim != (2 if self.kind == "faces" else 1):
+            raise MeshError(f"part of {self.kind}: got shape {self.members.shape}")
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeMesh(Value):
+    """Volume elements with shared nodes; cells are counted through the blocks in their order.
+
+    Parameters
+    ----------
+    points
+        float64, shape (n, 3), in ``unit``.
+    blocks
+        Cells by shape; every volume positive (VTK node order).
+    cell_tags
+        Integer arrays, one number per cell: phase, body, …
+    parts
+        Named sets: nodes as ``"XMIN"``, faces as ``"XMIN_FACES"``.
+    unit
+        Unit of length.
+
+    Raises
+    ------
+    MeshError
+        For NaN points, indices out of range, tags of another length.
+    """
+
+    points: NDArray[np.float64]
+    blocks: tuple[Block, ...]
+    cell_tags: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    unit: str = "mm"
+
+    def __post_init__(self) -> None:
+        self._set("points", frozen(self.points, np.float64))
+        self._set("blocks", tuple(self.blocks))
+        check_unit(self.unit)
+        points_checked(self.points, "volume mesh")
+        for block in self.blocks:
+            indices_checked(block.cells, len(self.points), SHAPES[block.shape].nodes, block.shape)
+        tags = {name: frozen(tag, np.int64) for name, tag in self.cell_tags.items()}
+        for name, tag in tags.items():
+            if tag.shape != (self.cells,):
+                raise MeshError(f"tag {name!r}: got {tag.shape}; there are {self.cells} cells")
+        self._set("cell_tags", MappingProxyType(tags))
+        self._set("parts", MappingProxyType(dict(self.parts)))
+        self._check_parts()
+
+    def _check_parts(self) -> None:
+        for name, part in self.parts.items():
+            limit = len(self.points) if part.kind == "nodes" else self.cells
+            first = part.members[:, 0] if part.kind == "faces" else part.members
+            if first.size and not 0 <= first.min() <= first.max() < limit:
+                raise MeshError(f"part {name!r}: members out of range; there are {limit}")
+
+    @property
+    def cells(self) -> int:
+        """Number of cells in all blocks."""
+        return sum(len(block.cells) for block in self.blocks)
+
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """Signed volume of each cell, in ``unit`` cubed; trilinear hexes exactly."""
+        parts = [_VOLUMES[block.shape](self.points[block.cells]) for block in self.blocks]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _tet_volumes(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    a, b, c, d = (corners[:, i] for i in range(4))
+    return np.asarray(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6)
+
+
+def _hex_volumes(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    # Fans of triangles about each face's mean are volume-exact for the trilinear cell.
+    centre = corners.mean(axis=1)
+    total = np.zeros(len(corners))
+    for face in SHAPES["hex8"].faces:
+        mean = corners[:, face].mean(axis=1)
+        for i in range(4):
+            a, b = corners[:, face[i]], corners[:, face[(i + 1) % 4]]
+            total += np.einsum("ij,ij->i", np.cross(a - centre, b - centre), mean - centre) / 6
+    return total
+
+
+_VOLUMES = {"tet4": _tet_volumes, "tet10": _tet_volumes, "hex8": _hex_volumes}
