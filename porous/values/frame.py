@@ -11,7 +11,7 @@ import numpy as np
 from porous.errors import GridError
 from porous.values.box import Box
 from porous.values.units import check_unit
-from porous.values.value import Value, counts, vector
+from porous.values.value import Value, counts, flags, vector
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,8 +57,7 @@ class Frame(Value):
         self._set("spacing", vector(self.spacing, "frame spacing", GridError))
         self._set("shape", counts(self.shape, "frame shape", GridError))
         self._set("start", counts(self.start, "frame start", GridError))
-        px, py, pz = self.periodic
-        self._set("periodic", (bool(px), bool(py), bool(pz)))
+        self._set("periodic", flags(self.periodic, "frame periodic", GridError))
         check_unit(self.unit)
         if min(self.spacing) <= 0:
             raise GridError(f"frame spacing: got {self.spacing}; wanted three positive lengths")
@@ -81,13 +80,9 @@ class Frame(Value):
         ``voxels`` counts along the longest edge; ``spacing`` gives h per axis. With ``cubic``
         the voxels keep equal edges and the frame is padded at the upper ends instead.
         """
-        if min(box.lengths) <= 0:
-            raise GridError(f"frame: the domain {box.lower} … {box.upper} has no volume")
         steps = _steps(box, voxels, spacing)
         if cubic:
-            h = min(steps)
-            n = tuple(max(1, math.ceil(length / h - 1e-9)) for length in box.lengths)
-            return cls(box.lower, (h, h, h), n, periodic, unit)  # type: ignore[arg-type]
+            return cls(box.lower, *_padded(box, min(steps), periodic), periodic, unit)
         n = tuple(max(1, round(a / h)) for a, h in zip(box.lengths, steps, strict=True))
         fitted = tuple(a / k for a, k in zip(box.lengths, n, strict=True))
         return cls(box.lower, fitted, n, periodic, unit)  # type: ignore[arg-type]
@@ -132,15 +127,37 @@ class Frame(Value):
 def _steps(
     box: Box, voxels: int | None, spacing: tuple[float, float, float] | None
 ) -> tuple[float, float, float]:
+    if min(box.lengths) <= 0:
+        raise GridError(f"frame: the domain {box.lower} … {box.upper} has no volume")
     if (voxels is None) == (spacing is None):
         raise GridError("frame: give one of voxels (along the longest edge) and spacing")
     if spacing is not None:
-        steps = vector(spacing, "spacing", GridError)
-        if min(steps) <= 0:
-            raise GridError(f"spacing: got {steps}; wanted three positive lengths")
-        return steps
+        return _checked_spacing(spacing, box)
     assert voxels is not None
-    if voxels < 1:
-        raise GridError(f"voxels: got {voxels}; wanted at least 1 along the longest edge")
+    if voxels != int(voxels) or voxels < 1:
+        raise GridError(f"voxels: got {voxels}; wanted a whole number, at least 1")
     h = max(box.lengths) / voxels
     return h, h, h
+
+
+def _checked_spacing(spacing: tuple[float, float, float], box: Box) -> tuple[float, float, float]:
+    steps = vector(spacing, "spacing", GridError)
+    if min(steps) <= 0:
+        raise GridError(f"spacing: got {steps}; wanted three positive lengths")
+    if any(math.isinf(a / h) for a, h in zip(box.lengths, steps, strict=True)):
+        raise GridError(f"spacing: got {steps}; that is beyond counting in a box of {box.lengths}")
+    return steps
+
+
+def _padded(
+    box: Box, h: float, periodic: tuple[bool, bool, bool]
+) -> tuple[tuple[float, float, float], tuple[int, int, int]]:
+    # The tolerance keeps a length that is a whole number of steps from gaining one by rounding.
+    n = [max(1, math.ceil(length / h - 1e-9)) for length in box.lengths]
+    for axis, (count, length) in enumerate(zip(n, box.lengths, strict=True)):
+        if periodic[axis] and not math.isclose(count * h, length, rel_tol=1e-6):
+            raise GridError(
+                f"frame: cubic voxels of {h:.6g} do not divide the period {length:.6g} along "
+                f"{'xyz'[axis]}; choose voxels or spacing that do, or cubic = false"
+            )
+    return (h, h, h), (n[0], n[1], n[2])

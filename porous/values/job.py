@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -37,11 +38,11 @@ class Material(Value):
     source: str = ""
 
     def __post_init__(self) -> None:
-        if not self.youngs_modulus > 0:
+        if not 0 < self.youngs_modulus < math.inf:
             raise MeshError(f"material {self.name}: E = {self.youngs_modulus} MPa; wanted E > 0")
         if not -1 < self.poissons_ratio < 0.5:
             raise MeshError(f"material {self.name}: ν = {self.poissons_ratio}; wanted −1 < ν < 0.5")
-        if not self.density > 0:
+        if not 0 < self.density < math.inf:
             raise MeshError(f"material {self.name}: density {self.density}; wanted more than zero")
 
 
@@ -63,6 +64,10 @@ class Compression(Value):
     loaded: str
     pressure: float
 
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.pressure):
+            raise MeshError(f"pressure: got {self.pressure} MPa; wanted a number")
+
 
 @dataclass(frozen=True, eq=False)
 class Job(Value):
@@ -80,6 +85,11 @@ class Job(Value):
         What is done, or None where the mesh can bear no load.
     why_no_step
         Said in the deck and to the user where ``step`` is None.
+
+    Raises
+    ------
+    MeshError
+        Where the step speaks of a part that the mesh does not have.
     """
 
     title: str
@@ -87,3 +97,17 @@ class Job(Value):
     material: Material
     step: Compression | None = None
     why_no_step: str = ""
+
+    def __post_init__(self) -> None:
+        if self.step is not None:
+            self._check_part(self.step.fixed, "nodes")
+            self._check_part(self.step.loaded, "faces")
+
+    def _check_part(self, name: str, kind: str) -> None:
+        part = self.mesh.parts.get(name)
+        if part is None or part.kind != kind:
+            there = [key for key, part in self.mesh.parts.items() if part.kind == kind]
+            raise MeshError(
+                f"job: the mesh has no part of {kind} named {name!r}; "
+                f"there are {', '.join(there) or 'none'}"
+            )

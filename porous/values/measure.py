@@ -55,6 +55,10 @@ class Measure(Value):
             raise ValueError(f"of: got {self.of!r}; wanted one of {SUBJECTS}")
         if not self.uncertainty >= 0 and not math.isnan(self.uncertainty):
             raise ValueError(f"uncertainty: got {self.uncertainty}; wanted zero or more")
+        if self.kind == "exact" and self.uncertainty:
+            raise ValueError(
+                f"uncertainty: got {self.uncertainty}; an exact number has no uncertainty"
+            )
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"

@@ -41,6 +41,8 @@ class Pattern(Value):
         for array in (self.rows, self.depths):
             if not (array > 0).all() or not (array < 1).all():
                 raise GridError("pattern: wanted points strictly inside the voxel")
+        if not (np.diff(self.depths, axis=1) > 0).all():
+            raise GridError("pattern: wanted the depths of each row to rise")
 
     @property
     def points(self) -> int:

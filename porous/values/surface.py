@@ -10,7 +10,7 @@ import numpy as np
 from porous.errors import MeshError
 from porous.values.box import Box
 from porous.values.units import check_unit
-from porous.values.value import Value, frozen
+from porous.values.value import Value, frozen, frozen_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,13 +48,16 @@ class SurfaceMesh(Value):
 
     def __post_init__(self) -> None:
         self._set("points", frozen(self.points, np.float64))
-        self._set("triangles", frozen(self.triangles, np.int64))
+        self._set("triangles", frozen_whole(self.triangles, np.int64, "triangles", MeshError))
         check_unit(self.unit)
         points_checked(self.points, "surface")
         indices_checked(self.triangles, len(self.points), 3, "triangles")
         labels = np.zeros(len(self.triangles), np.int16) if self.labels is None else self.labels
-        self._set("labels", frozen(labels, np.int16))
+        self._set("labels", frozen_whole(labels, np.int16, "labels", MeshError))
         self._set("names", tuple(self.names))
+        self._check_labels()
+
+    def _check_labels(self) -> None:
         assert self.labels is not None
         if self.labels.shape != (len(self.triangles),):
             raise MeshError(f"labels: got {self.labels.shape}; wanted one per triangle")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import operator
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -14,18 +16,45 @@ if TYPE_CHECKING:
 
 
 def frozen(array: object, dtype: DTypeLike) -> NDArray[Any]:
-    """Return a C-contiguous read-only array; copies only where the caller could write."""
-    given = np.asarray(array)
-    result = np.ascontiguousarray(given, dtype=dtype)
-    if result.flags.writeable:
-        result = result.copy() if result is given or result.base is not None else result
-        result.flags.writeable = False
+    """Return a C-contiguous read-only array; copies only where somebody else could write."""
+    result = np.asarray(array, dtype=dtype, order="C")
+    shared = result is array or result.base is not None
+    if shared and _writeable(result):
+        result = result.copy()
+    result.flags.writeable = False
     return result
 
 
+def frozen_whole(
+    array: object, dtype: DTypeLike, what: str, error: type[Exception]
+) -> NDArray[Any]:
+    """Return ``frozen`` whole numbers, or raise ``error`` where a cast would change a number."""
+    given = np.asarray(array)
+    if given.size and given.dtype.kind not in "iu":
+        raise error(f"{what}: got {given.dtype}; wanted whole numbers")
+    if given.size and not np.can_cast(given.dtype, dtype):
+        low, high, bounds = int(given.min()), int(given.max()), np.iinfo(np.dtype(dtype))
+        if not bounds.min <= low <= high <= bounds.max:
+            raise error(f"{what}: got numbers from {low} to {high}; they do not fit {bounds.dtype}")
+    return frozen(array, dtype)
+
+
+def _writeable(array: NDArray[Any]) -> bool:
+    # A read-only view of an array that can be written to is not safe.
+    owner: object = array
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return True
+        owner = owner.base
+    return False
+
+
 def adopted(array: NDArray[Any]) -> NDArray[Any]:
-    """Make an array that porous itself has just made read-only, without a copy."""
-    array.flags.writeable = False
+    """Make an array that porous itself has just made read-only, and what it is a view of."""
+    owner: object = array
+    while isinstance(owner, np.ndarray):
+        owner.flags.writeable = False
+        owner = owner.base
     return array
 
 
@@ -42,7 +71,8 @@ def same(a: object, b: object) -> bool:
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(map(same, a, b))
-    return bool(a == b)
+    both_nan = isinstance(a, float) and isinstance(b, float) and math.isnan(a) and math.isnan(b)
+    return both_nan or bool(a == b)
 
 
 class Value:
@@ -58,8 +88,9 @@ class Value:
         return all(map(same, self._content(), other._content()))
 
     def __hash__(self) -> int:
-        small = (int, float, str, bool, type(None))
-        return hash((type(self).__name__, *(v for v in self._content() if isinstance(v, small))))
+        # NaN is left out: equal values would hash by identity.
+        small = [v for v in self._content() if isinstance(v, int | float | str) and v == v]
+        return hash((type(self).__name__, *small))
 
     def _set(self, name: str, value: object) -> None:
         """Put a validated field in place; only ``__post_init__`` calls this."""
@@ -73,18 +104,20 @@ class Value:
 
     def __setstate__(self, state: dict[str, object]) -> None:
         for key, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+            members = value.values() if isinstance(value, dict) else (value,)
+            for array in members:
+                if isinstance(array, np.ndarray):
+                    array.flags.writeable = False
             self._set(key, MappingProxyType(value) if isinstance(value, dict) else value)
 
 
 def vector(value: object, what: str, error: type[Exception]) -> tuple[float, float, float]:
     """Return three finite floats, or raise ``error`` naming ``what``."""
     try:
-        x, y, z = (float(v) for v in value)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
+        x, y, z = (float(v) for v in _numbers(value))
+    except (TypeError, ValueError, OverflowError):
         raise error(f"{what}: got {value!r}; wanted three numbers") from None
-    if not all(np.isfinite((x, y, z))):
+    if not all(map(math.isfinite, (x, y, z))):
         raise error(f"{what}: got {value!r}; wanted three finite numbers")
     return x, y, z
 
@@ -92,7 +125,22 @@ def vector(value: object, what: str, error: type[Exception]) -> tuple[float, flo
 def counts(value: object, what: str, error: type[Exception]) -> tuple[int, int, int]:
     """Return three whole numbers, or raise ``error`` naming ``what``."""
     try:
-        x, y, z = (int(v) for v in value)  # type: ignore[attr-defined]
-    except (TypeError, ValueError, OverflowError):
+        x, y, z = map(operator.index, _numbers(value))
+    except (TypeError, ValueError):
         raise error(f"{what}: got {value!r}; wanted three whole numbers") from None
     return x, y, z
+
+
+def flags(value: object, what: str, error: type[Exception]) -> tuple[bool, bool, bool]:
+    """Return three truth values, or raise ``error`` naming ``what``."""
+    given = tuple(value) if isinstance(value, Iterable) else ()
+    if len(given) != 3 or not all(isinstance(v, bool | np.bool_) for v in given):
+        raise error(f"{what}: got {value!r}; wanted three of True and False")
+    return bool(given[0]), bool(given[1]), bool(given[2])
+
+
+def _numbers(value: object) -> Iterable[Any]:
+    # Text is iterable and its letters may be digits; it is not a vector.
+    if not isinstance(value, Iterable) or isinstance(value, str | bytes):
+        raise TypeError
+    return value

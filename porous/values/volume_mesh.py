@@ -11,7 +11,7 @@ import numpy as np
 from porous.errors import MeshError
 from porous.values.surface import indices_checked, points_checked
 from porous.values.units import check_unit
-from porous.values.value import Value, frozen
+from porous.values.value import Value, frozen, frozen_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -62,7 +62,7 @@ class Block(Value):
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
             raise MeshError(f"block: got shape {self.shape!r}; wanted one of {', '.join(SHAPES)}")
-        self._set("cells", frozen(self.cells, np.int64))
+        self._set("cells", frozen_whole(self.cells, np.int64, self.shape, MeshError))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +75,13 @@ class Part(Value):
     def __post_init__(self) -> None:
         if self.kind not in PART_KINDS:
             raise MeshError(f"part: got kind {self.kind!r}; wanted one of {PART_KINDS}")
-        self._set("members", frozen(self.members, np.int64))
-        if self.members.ndim != (2 if self.kind == "faces" else 1):
-            raise MeshError(f"part of {self.kind}: got shape {self.members.shape}")
+        self._set("members", frozen_whole(self.members, np.int64, "part", MeshError))
+        wanted = (2,) if self.kind == "faces" else ()
+        if self.members.shape[1:] != wanted or not self.members.ndim:
+            raise MeshError(
+                f"part of {self.kind}: got shape {self.members.shape}; "
+                f"wanted {'(n, 2), cell and local face' if wanted else '(n,)'}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +120,10 @@ class VolumeMesh(Value):
         points_checked(self.points, "volume mesh")
         for block in self.blocks:
             indices_checked(block.cells, len(self.points), SHAPES[block.shape].nodes, block.shape)
-        tags = {name: frozen(tag, np.int64) for name, tag in self.cell_tags.items()}
+        tags = {
+            name: frozen_whole(tag, np.int64, f"tag {name!r}", MeshError)
+            for name, tag in self.cell_tags.items()
+        }
         for name, tag in tags.items():
             if tag.shape != (self.cells,):
                 raise MeshError(f"tag {name!r}: got {tag.shape}; there are {self.cells} cells")
@@ -129,7 +136,23 @@ class VolumeMesh(Value):
             limit = len(self.points) if part.kind == "nodes" else self.cells
             first = part.members[:, 0] if part.kind == "faces" else part.members
             if first.size and not 0 <= first.min() <= first.max() < limit:
-                raise MeshError(f"part {name!r}: members out of range; there are {limit}")
+                raise MeshError(
+                    f"part {name!r}: members run from {first.min()} to {first.max()}; "
+                    f"there are {limit}"
+                )
+            if part.kind == "faces":
+                self._check_faces(name, part.members)
+
+    def _check_faces(self, name: str, members: NDArray[np.int64]) -> None:
+        faces = [np.full(len(block.cells), len(SHAPES[block.shape].faces)) for block in self.blocks]
+        limits = np.concatenate(faces) if faces else np.zeros(0, np.int64)
+        cell, face = members.T
+        bad = np.flatnonzero((face < 0) | (face >= limits[cell]))
+        if len(bad):
+            raise MeshError(
+                f"part {name!r}: cell {cell[bad[0]]} has no face {face[bad[0]]}; "
+                f"its faces are 0 to {limits[cell[bad[0]]] - 1}"
+            )
 
     @property
     def cells(self) -> int:
