@@ -14,10 +14,18 @@
     ├── ViewError               this machine cannot draw (1)
     └── Cancelled               progress asked for the end (130)
 
+    UserWarning
+    └── FormatWarning           a file was read, though not all of it is as it should be
+
 Programming mistakes stay ``TypeError`` and ``ValueError``.
 """
 
-from typing import ClassVar
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 class PorousError(Exception):
@@ -50,6 +58,10 @@ class MemoryLimitError(PorousError):
     """The work would need more memory than there is; nothing has been allocated."""
 
 
+class FormatWarning(UserWarning):
+    """A file was read, though not all of it is as it should be; says what was made of it."""
+
+
 class GuestError(PorousError):
     """A foreign engine failed, died by a signal or ran out of its time limit."""
 
@@ -72,3 +84,12 @@ class Cancelled(PorousError):  # noqa: N818  (it is a wish, not an error)
     """The caller's progress function asked for the end of the work."""
 
     exit_code: ClassVar[int] = 130
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return the end of a message about an unknown word: the nearest known one, else all."""
+    import difflib
+
+    words = sorted(known)
+    close = difflib.get_close_matches(word, words, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; there is {', '.join(words)}"

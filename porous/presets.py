@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from porous.errors import RecipeError
+from porous.errors import RecipeError, nearest
 
 SUFFIX = ".toml"
 
@@ -23,7 +23,7 @@ def names() -> tuple[str, ...]:
 def path_of(name: str) -> Path:
     """Return the path of a preset, or raise ``RecipeError`` naming what there is."""
     if name not in names():
-        raise RecipeError(f"no preset {name!r}; there are {', '.join(names())}")
+        raise RecipeError(f"no preset {name!r}{nearest(name, names())}")
     return folder() / f"{name}{SUFFIX}"
 
 
@@ -35,5 +35,5 @@ def material_names() -> tuple[str, ...]:
 def material_path(name: str) -> Path:
     """Return the path of a material, or raise ``RecipeError`` naming what there is."""
     if name not in material_names():
-        raise RecipeError(f"no material {name!r}; there are {', '.join(material_names())}")
+        raise RecipeError(f"no material {name!r}{nearest(name, material_names())}")
     return folder() / "materials" / f"{name}{SUFFIX}"

@@ -1,0 +1,456 @@
+"""TOML ⇄ Recipe: what a recipe may say, and what is wrong with one that cannot be understood.
+
+A recipe is data, never code: nothing is evaluated, unknown keys are errors that name the nearest
+known one. The ``[model]`` section belongs to the file in ``porous/models`` that its kind names.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import importlib
+import pkgutil
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    InstanceOf,
+    SerializeAsAny,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+import porous.models
+from porous import presets
+from porous.errors import RecipeError, nearest
+from porous.toml import parse_value, read_table, render_table, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from porous.models.model import Model
+
+FORMAT = 1
+
+ALTERNATIVES = (
+    ("voxels.voxels", "voxels.spacing", "voxels.per_feature"),
+    ("model.digits", "model.maps"),
+)
+"""Keys of which a recipe has one: setting one removes the others."""
+
+
+class Section(BaseModel):
+    """A table of a recipe: frozen, strict about types, no unknown keys, no NaN."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def _triple(value: object) -> object:
+    return (value, value, value) if isinstance(value, int | float) else value
+
+
+Spacing = Annotated[
+    tuple[
+        Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]
+    ],
+    BeforeValidator(_triple),
+    Field(strict=False),
+]
+
+
+class VoxelsSection(Section):
+    """How the model is sampled; one of voxels, spacing and per_feature says how finely."""
+
+    voxels: int | None = Field(
+        None, gt=0, description="a whole number above zero: voxels along the longest edge"
+    )
+    spacing: Spacing | None = Field(
+        None, description="the edge lengths of a voxel along x, y and z, above zero, in unit"
+    )
+    per_feature: int | None = Field(
+        None, gt=0, description="a whole number above zero: voxels across the smallest feature"
+    )
+    sampling: Literal["fill", "centre", "cover"] | None = Field(
+        None,
+        description='"fill", "centre" or "cover"; where it is missing, cover for an attractor '
+        "without offset and fill for all else",
+    )
+    periodic: Annotated[tuple[bool, bool, bool], Field(strict=False)] = Field(
+        (False, False, False), description="three of true and false, for x, y and z"
+    )
+    cubic: bool = Field(
+        default=False, description="true to pad with equal edges, false to stretch to fit"
+    )
+
+    @model_validator(mode="after")
+    def _one_resolution(self) -> VoxelsSection:
+        given = [name for name in ("voxels", "spacing", "per_feature") if getattr(self, name)]
+        if len(given) > 1:
+            raise ValueError(f"got {' and '.join(given)}; wanted one of them")
+        return self
+
+
+class SurfaceSection(Section):
+    """Where the surface comes from."""
+
+    method: Literal["auto", "exact", "marching-cubes", "voxel-faces", "lewiner"] = Field(
+        "auto", description='"auto", "exact", "marching-cubes", "voxel-faces" or "lewiner"'
+    )
+
+
+class VolumeSection(Section):
+    """Where the volume mesh comes from."""
+
+    method: Literal["auto", "tetwild", "voxel-hex", "none"] = Field(
+        "auto", description='"auto", "tetwild", "voxel-hex" or "none"'
+    )
+    edge_length: float | None = Field(
+        None, gt=0, description="the wanted edge length of a tetrahedron, above zero, in unit"
+    )
+
+
+class SimulationSection(Section):
+    """What the deck does."""
+
+    analysis: Literal["compression"] = Field("compression", description='"compression"')
+    material: str = Field("steel", description="the name of a material")
+    pressure: float = Field(1.0, description="a number: the pressure on ZMAX, in MPa")
+
+    @field_validator("material")
+    @classmethod
+    def _known_material(cls, name: str) -> str:
+        there = presets.material_names()
+        if name not in there:
+            raise ValueError(f"no material {name!r}{nearest(name, there)}")
+        return name
+
+
+class Expected(Section):
+    """What a measure is to be, give or take."""
+
+    value: float = Field(description="a number")
+    tolerance: float = Field(ge=0, description="a number, zero or more")
+
+
+class Recipe(Section):
+    """What is to be made and how fine; ``load`` makes one, ``dump`` writes it out in full.
+
+    Relative paths in it are those of the folder that porous runs in: ``load`` has resolved them.
+    """
+
+    format: Literal[1] = Field(FORMAT, description="1")
+    title: str = Field("", description="a line of text")
+    source: str = Field("", description="a line of text: whose idea this is")
+    seed: int = Field(0, ge=0, description="a whole number, zero or more")
+    model: SerializeAsAny[InstanceOf[BaseModel]] = Field(description="a table [model]")
+    voxels: VoxelsSection = Field(VoxelsSection(), description="a table [voxels]")
+    surface: SurfaceSection = Field(SurfaceSection(), description="a table [surface]")
+    volume: VolumeSection = Field(VolumeSection(), description="a table [volume]")
+    simulation: SimulationSection | None = Field(None, description="a table [simulation]")
+    expect: dict[str, Expected] = Field(
+        default_factory=dict, description="a table [expect] of measures"
+    )
+
+    @property
+    def sha256(self) -> str:
+        """The hash of the recipe in full, as written by ``dump``."""
+        return hashlib.sha256(dump(self).encode()).hexdigest()
+
+
+def load(recipe: str | Path, *, set: Mapping[str, object] | None = None) -> Recipe:  # noqa: A002
+    """Return the recipe of a preset's name or a path.
+
+    Parameters
+    ----------
+    recipe
+        ``"menger"``, or a path to a TOML file.
+    set
+        Values to put in place of the recipe's own, by key path: ``{"model.level": 3}``. What the
+        recipe expects is left out then, since it speaks of the recipe as it was.
+
+    Raises
+    ------
+    RecipeError
+        Where there is no such recipe, it is not TOML, or a key or a value is not understood; names
+        the file, the key path, what was got and what was wanted.
+    """
+    path = find(recipe)
+    table = read_table(path)
+    for key, value in (set or {}).items():
+        _put(table, key, value)
+    if set and not any(key.startswith("expect.") for key in set):
+        table.pop("expect", None)
+    return parse(table, name=str(path), folder=path.parent)
+
+
+def find(recipe: str | Path) -> Path:
+    """Return where the recipe lies that a preset's name or a path means."""
+    text = str(recipe)
+    is_path = isinstance(recipe, Path) or text.endswith(presets.SUFFIX) or "/" in text
+    if is_path or (text not in presets.names() and Path(text).exists()):
+        return Path(recipe)
+    return presets.path_of(text)
+
+
+def parse(table: Mapping[str, Any], *, name: str = "recipe", folder: Path | None = None) -> Recipe:
+    """Return the recipe that a table says.
+
+    Parameters
+    ----------
+    table
+        Plain dictionaries, lists, strings and numbers, as TOML has them.
+    name
+        What errors call it.
+    folder
+        Where its relative paths start; the folder that porous runs in where not given.
+
+    Raises
+    ------
+    RecipeError
+        As ``load``.
+    """
+    content = copy.deepcopy(dict(table))
+    if not isinstance(content.get("model"), dict):
+        raise RecipeError(f"{name}: model: got {_got(content, ('model',))}; wanted a table [model]")
+    section = section_of(content["model"], name)
+    _resolve_files(content["model"], section, folder or Path())
+    content["model"] = _validated(section, content["model"], name, ("model",))
+    recipe = _validated(Recipe, content, name, ())
+    assert isinstance(recipe, Recipe)
+    return _settled(recipe, name)
+
+
+def build(recipe: Recipe) -> Model:
+    """Return the model that a recipe describes.
+
+    Raises
+    ------
+    ModelError
+        Where there is no such model: maps without an attractor, a primitive that is not closed, …
+    """
+    kind: str = recipe.model.kind  # type: ignore[attr-defined]
+    model: Model = importlib.import_module(f"porous.models.{kind}").build(recipe.model, Path())
+    return model
+
+
+def dump(recipe: Recipe) -> str:
+    """Return the recipe as TOML, every default said; the same recipe gives the same text."""
+    return render_table(recipe.model_dump(mode="json", exclude_none=True))
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema of recipes, with the models of every kind."""
+    result = Recipe.model_json_schema(mode="serialization")
+    definitions = result.setdefault("$defs", {})
+    choices = []
+    for kind, section in sections().items():
+        part = section.model_json_schema(ref_template="#/$defs/{model}")
+        definitions.update(part.pop("$defs", {}))
+        definitions[f"model_{kind}"] = part
+        choices.append({"$ref": f"#/$defs/model_{kind}"})
+    result["properties"]["model"] = {"oneOf": choices}
+    return result
+
+
+@cache
+def sections() -> Mapping[str, type[BaseModel]]:
+    """Return the model sections there are, by kind: the kind is the name of its file."""
+    names = sorted(info.name for info in pkgutil.iter_modules(porous.models.__path__))
+    found = {name: _section_in(name) for name in names}
+    return MappingProxyType({kind: section for kind, section in found.items() if section})
+
+
+def section_of(table: Mapping[str, Any], name: str) -> type[BaseModel]:
+    """Return the section class of a ``[model]`` table, or raise ``RecipeError`` listing kinds."""
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in sections():
+        got = shown(kind) if "kind" in table else "nothing"
+        raise RecipeError(
+            f"{name}: model.kind: unknown kind {got}; there is {', '.join(sections())}"
+        )
+    return sections()[kind]
+
+
+def _section_in(module: str) -> type[BaseModel] | None:
+    for value in vars(importlib.import_module(f"porous.models.{module}")).values():
+        if (
+            isinstance(value, type)
+            and issubclass(value, BaseModel)
+            and "kind" in value.model_fields
+        ):
+            if get_args(value.model_fields["kind"].annotation) == (module,):
+                return value
+    return None
+
+
+def _settled(recipe: Recipe, name: str) -> Recipe:
+    """Return the recipe with what follows from the rest filled in."""
+    voxels = recipe.voxels
+    limit = getattr(recipe.model, "level", None) == "limit"
+    bare = limit and not getattr(recipe.model, "offset", 0)
+    change: dict[str, object] = {"sampling": voxels.sampling or ("cover" if bare else "fill")}
+    if voxels.voxels is None and voxels.spacing is None:
+        if limit:
+            raise RecipeError(
+                f'{name}: voxels.per_feature: level = "limit" has no smallest feature to count '
+                "across; wanted voxels.voxels = 100, say, or voxels.spacing"
+            )
+        change["per_feature"] = voxels.per_feature or 4
+    return recipe.model_copy(update={"voxels": voxels.model_copy(update=change)})
+
+
+def _put(table: dict[str, Any], path: str, value: object) -> None:
+    """Set a value by its path, in place of its alternatives and of anything that is no table."""
+    for group in ALTERNATIVES:
+        mine = [key for key in group if path == key or path.startswith(f"{key}.")]
+        for other in group if mine else ():
+            if other not in mine:
+                section, _, key = other.partition(".")
+                table.get(section, {}).pop(key, None)
+    *parents, last = path.split(".")
+    here: Any = table
+    for step, below in zip(parents, [*parents[1:], last], strict=True):
+        here = _entered(here, step, below, path)
+    here[_index(here, last, path)] = value
+
+
+def _entered(here: Any, step: str, below: str, path: str) -> Any:
+    key = _index(here, step, path)
+    inner = here[key] if isinstance(here, list) else here.get(key)
+    if not isinstance(inner, dict) and not (isinstance(inner, list) and below.isdigit()):
+        inner = here[key] = {}
+    return inner
+
+
+def _index(here: Any, step: str, path: str) -> str | int:
+    if not step:
+        raise RecipeError(f"--set {path}: got an empty key; wanted a path such as model.level")
+    if isinstance(here, dict):
+        return step
+    if not step.isdigit() or int(step) >= len(here):
+        raise RecipeError(f"--set {path}: got {step}; wanted 0 … {len(here) - 1}")
+    return int(step)
+
+
+def assignment(text: str) -> tuple[str, object]:
+    """Return key path and value of ``path=VALUE``; the value is TOML, a bare word is a string."""
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip():
+        raise RecipeError(f"--set: got {text!r}; wanted path=VALUE, such as model.level=3")
+    return path.strip(), parse_value(value.strip(), f"--set {path.strip()}")
+
+
+def _resolve_files(table: Any, section: type[BaseModel], folder: Path) -> None:
+    """Make the paths in a table whole: relative to the recipe, else to the presets."""
+    if not isinstance(table, dict):
+        return
+    for key, value in table.items():
+        field = section.model_fields.get(key)
+        for part in _models_in(field.annotation if field else None):
+            _resolve_files(value, part, folder)
+        if field is not None and field.annotation is Path and isinstance(value, str):
+            table[key] = _resolved(value, folder)
+
+
+def _resolved(value: str, folder: Path) -> str:
+    places = (folder / value, presets.folder() / value)
+    place = next((path for path in places if path.exists()), places[0])
+    return str(place.resolve())
+
+
+def files(recipe: Recipe) -> dict[str, Path]:
+    """Return the files that a recipe reads, by key path."""
+    return dict(_files_in(recipe.model, "model"))
+
+
+def _files_in(section: BaseModel, path: str) -> Iterable[tuple[str, Path]]:
+    for name in type(section).model_fields:
+        value = getattr(section, name)
+        if isinstance(value, Path):
+            yield f"{path}.{name}", value
+        elif isinstance(value, BaseModel):
+            yield from _files_in(value, f"{path}.{name}")
+
+
+def _validated(
+    section: type[BaseModel], table: Mapping[str, Any], name: str, above: tuple[str, ...]
+) -> BaseModel:
+    try:
+        return section.model_validate(table)
+    except ValidationError as error:
+        problems = [_problem(section, table, detail, above) for detail in error.errors()]
+        # Unknown keys come first: a missing key is most often a misspelt one.
+        first = min(problems, key=lambda problem: not problem[0])
+        raise RecipeError(f"{name}: {first[1]}") from None
+
+
+def _problem(
+    section: type[BaseModel], table: Mapping[str, Any], detail: Any, above: tuple[str, ...]
+) -> tuple[bool, str]:
+    """Return whether one problem is an unknown key, and what to say of it."""
+    where = _place(table, detail["loc"])
+    path = ".".join(map(str, above + where))
+    if detail["type"] == "extra_forbidden":
+        known = sorted({key for part in _parts(section, where[:-1]) for key in part.model_fields})
+        return True, f"{path}: unknown key{nearest(str(where[-1]), known)}"
+    if detail["type"] == "value_error":
+        return False, f"{path}: {str(detail['ctx']['error'])}" if path else str(detail["msg"])
+    wanted = _wanted(section, where) or detail["msg"].lower()
+    return False, f"{path}: got {_got(table, where)}; wanted {wanted}"
+
+
+def _place(table: Any, loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """Return the part of a location that names keys: pydantic puts branches of unions between."""
+    result: list[int | str] = []
+    for step, last in zip(loc, [False] * (len(loc) - 1) + [True], strict=True):
+        inside = (isinstance(table, dict) and step in table) or (
+            isinstance(table, list | tuple) and isinstance(step, int) and step < len(table)
+        )
+        if inside:
+            table = table[step]
+        if inside or (last and isinstance(table, dict)):
+            result.append(step)
+    return tuple(result)
+
+
+def _got(table: Any, where: tuple[int | str, ...]) -> str:
+    for step in where:
+        if isinstance(table, dict) and step not in table:
+            return "nothing"
+        table = table[step]
+    return shown(table)
+
+
+def _wanted(section: type[BaseModel], where: tuple[int | str, ...]) -> str:
+    """Return the description of the innermost field on a path, if it has one."""
+    for end in range(len(where), 0, -1):
+        for part in _parts(section, where[: end - 1]):
+            field = part.model_fields.get(str(where[end - 1]))
+            if field is not None and field.description:
+                return field.description.rstrip(".")
+    return ""
+
+
+def _parts(section: type[BaseModel], where: tuple[int | str, ...]) -> list[type[BaseModel]]:
+    """Return the sections that the table at a place may be."""
+    here = [section]
+    for step in where:
+        if isinstance(step, int):
+            continue
+        fields = [part.model_fields[step] for part in here if step in part.model_fields]
+        deeper = [part for field in fields for part in _models_in(field.annotation)]
+        here = deeper or here
+    return here
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [part for inner in get_args(annotation) for part in _models_in(inner)]
