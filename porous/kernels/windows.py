@@ -18,17 +18,25 @@ from types import MappingProxyType
 
 import numpy as np
 
+from porous.kernels._shared import kernel, slabs, source
+
 _BITS = ((np.arange(256)[:, None] >> np.arange(8)) & 1).astype(bool)
+
+
+def _table(weights):
+    table = np.array(weights, np.int64)
+    table.flags.writeable = False
+    return table
 
 
 def _any(*voxels):
     """Return for each window whether any of the voxels is solid."""
-    return _BITS[:, [4 * x + 2 * y + z for x, y, z in voxels]].any(axis=1).astype(np.int64)
+    return _table(_BITS[:, [4 * x + 2 * y + z for x, y, z in voxels]].any(axis=1))
 
 
 def _all(*voxels):
     """Return for each window whether all of the voxels are solid."""
-    return _BITS[:, [4 * x + 2 * y + z for x, y, z in voxels]].all(axis=1).astype(np.int64)
+    return _table(_BITS[:, [4 * x + 2 * y + z for x, y, z in voxels]].all(axis=1))
 
 
 def _about(free):
@@ -50,7 +58,7 @@ _ONE = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 _TWO = ((0, 1, 1), (1, 0, 1), (1, 1, 0))
 _CUBE = _about((1, 1, 1))
 
-DIRECTIONS = np.array(
+DIRECTIONS = _table(
     [
         *_ONE,
         *((0, 1, 1), (0, 1, -1), (1, 0, 1), (1, 0, -1), (1, 1, 0), (1, -1, 0)),
@@ -59,7 +67,7 @@ DIRECTIONS = np.array(
 )
 """The 13 directions between neighbouring voxels, shape (13, 3), in steps of one voxel."""
 
-CROSSINGS = np.array([_crossing(direction) for direction in DIRECTIONS])
+CROSSINGS = _table([_crossing(direction) for direction in DIRECTIONS])
 """Phase changes along each of ``DIRECTIONS``, shape (13, 256): every pair of neighbours once."""
 
 _SOLID = {
@@ -76,19 +84,25 @@ _NEIGHBOURS = {
 
 FUNCTIONALS = MappingProxyType(
     {
-        **_SOLID,
-        **_NEIGHBOURS,
-        "faces_x": CROSSINGS[0],
-        "faces_y": CROSSINGS[1],
-        "faces_z": CROSSINGS[2],
-        "euler_number_26": _SOLID["vertices"] - _SOLID["edges"] + _SOLID["faces"] - _SOLID["cells"],
-        "euler_number": _SOLID["cells"]
-        - _NEIGHBOURS["pairs"]
-        + _NEIGHBOURS["squares"]
-        - _NEIGHBOURS["cubes"],
+        name: _table(weights)
+        for name, weights in {
+            **_SOLID,
+            **_NEIGHBOURS,
+            "faces_x": CROSSINGS[0],
+            "faces_y": CROSSINGS[1],
+            "faces_z": CROSSINGS[2],
+            "euler_number_26": _SOLID["vertices"]
+            - _SOLID["edges"]
+            + _SOLID["faces"]
+            - _SOLID["cells"],
+            "euler_number": _SOLID["cells"]
+            - _NEIGHBOURS["pairs"]
+            + _NEIGHBOURS["squares"]
+            - _NEIGHBOURS["cubes"],
+        }.items()
     }
 )
-"""Whole-number weights of the 256 windows, int64, shape (256,); histogram · weights is the number of
+"""Weights of the 256 windows, int64, shape (256,); histogram · weights is the number of
 
 * ``vertices``, ``edges``, ``faces``, ``cells`` of the closed union of solid voxels;
 * ``pairs``, ``squares``, ``cubes`` of solid voxels joined by faces (2, 2×2, 2×2×2 voxels);
@@ -96,3 +110,158 @@ FUNCTIONALS = MappingProxyType(
 * ``euler_number_26`` = vertices − edges + faces − cells, of the closed (26-connected) solid;
 * ``euler_number`` = cells − pairs + squares − cubes, of the 6-connected solid.
 """
+
+SLAB = 1 << 22
+"""Voxels that one kernel call looks at, about: milliseconds of work, a cache's worth of bits."""
+
+
+def window_histogram(fill, *, periodic=(False, False, False), progress=None):
+    """Count the 2×2×2 windows of a whole grid, solid where ``fill`` ≥ 128.
+
+    Parameters
+    ----------
+    fill
+        uint8, shape (x, y, z).
+    periodic
+        Axes along which the grid closes on itself; else it lies in void.
+    progress
+        Called as ``progress(done, count)`` in planes along x.
+
+    Returns
+    -------
+    int64, shape (256,): how often each window occurs; see ``FUNCTIONALS``.
+    """
+    return tile_histogram(fill, (0, 0, 0), fill.shape, periodic=periodic, progress=progress)
+
+
+def tile_histogram(fill, start, stop, *, periodic=(False, False, False), progress=None):
+    """Count the windows of the tile ``start`` … ``stop`` (not within) of a grid.
+
+    A tile has the lattice vertices at the lower corners of its voxels, and those at the upper end
+    of a grid in vacuum: tiles that fill the grid have every vertex once, so their counts add up.
+
+    Parameters
+    ----------
+    fill
+        uint8, shape (x, y, z): the whole grid; one voxel beyond the tile's lower sides is read.
+    start, stop
+        First voxel, and the one after the last, per axis.
+    periodic, progress
+        As in ``window_histogram``.
+
+    Returns
+    -------
+    int64, shape (256,).
+    """
+    xs, ys, zs = (
+        _reach(*ends, n, wraps)
+        for *ends, n, wraps in zip(start, stop, fill.shape, periodic, strict=True)
+    )
+    given = source(fill, np.uint8)
+    planes = max(1, SLAB // (len(ys) * len(zs)))
+    count = len(xs) - 1
+    result = np.zeros((-(-count // planes), 256), np.int64)
+
+    def work(a, b):
+        bits = np.empty((b - a + 1, len(ys), len(zs) // 64 + 1), np.uint64)
+        _pack(given, xs[a : b + 1], ys, zs, bits)
+        _count(bits, len(zs) - 1, result[a // planes])
+
+    slabs(count, planes, work, progress)
+    return result.sum(axis=0)
+
+
+def _reach(start, stop, n, wraps):
+    """Return the voxels that a tile's windows see along an axis; −1 is void."""
+    below = start - 1 if start else (n - 1 if wraps else -1)
+    above = [-1] if stop == n and not wraps else []
+    return np.array([below, *range(start, stop), *above], np.int64)
+
+
+@kernel
+def _pack(fill, xs, ys, zs, bits):
+    """Set bit p of row (i, j) of ``bits`` where the voxel (xs[i], ys[j], zs[p]) is solid.
+
+    Between its ends ``zs`` counts upwards by one; bits beyond it are clear.
+    """
+    length = len(zs)
+    first = zs[1]
+    for i in range(len(xs)):
+        for j in range(len(ys)):
+            row = bits[i, j]
+            row[:] = 0
+            if xs[i] < 0 or ys[j] < 0:
+                continue
+            line = fill[xs[i], ys[j]]
+            if zs[0] >= 0:
+                row[0] = np.uint64(line[zs[0]] >> 7)
+            stop = length if zs[length - 1] >= 0 else length - 1
+            for w in range((length + 63) // 64):
+                low = max(64 * w, 1)
+                high = min(64 * w + 64, stop)
+                word = np.uint64(0)
+                for p in range(low, high):
+                    word |= np.uint64(line[first + p - 1] >> 7) << np.uint64(p - 64 * w)
+                row[w] |= word
+
+
+@kernel
+def _popcount(x):
+    """Return the number of set bits, as uint64; one machine instruction once compiled."""
+    x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
+
+
+@kernel
+def _count(bits, vertices, histogram):
+    """Add the windows of packed rows to ``histogram``; ``vertices`` lie along each row."""
+    one = np.uint64(1)
+    top = np.uint64(63)
+    full = ~np.uint64(0)
+    words = (vertices + 63) // 64
+    last = full >> np.uint64(64 * words - vertices)
+    none = np.uint64(0)
+    every = np.uint64(0)
+    for i in range(bits.shape[0] - 1):
+        for j in range(bits.shape[1] - 1):
+            for w in range(words):
+                a0 = bits[i, j, w]
+                b0 = bits[i, j + 1, w]
+                c0 = bits[i + 1, j, w]
+                d0 = bits[i + 1, j + 1, w]
+                a1 = a0 >> one
+                b1 = b0 >> one
+                c1 = c0 >> one
+                d1 = d0 >> one
+                if w + 1 < bits.shape[2]:
+                    a1 |= bits[i, j, w + 1] << top
+                    b1 |= bits[i, j + 1, w + 1] << top
+                    c1 |= bits[i + 1, j, w + 1] << top
+                    d1 |= bits[i + 1, j + 1, w + 1] << top
+                mask = last if w + 1 == words else full
+                some = (a0 | a1 | b0 | b1 | c0 | c1 | d0 | d1) & mask
+                all8 = a0 & a1 & b0 & b1 & c0 & c1 & d0 & d1 & mask
+                none += _popcount(mask & ~some)
+                every += _popcount(all8)
+                mixed = some & ~all8
+                while mixed:
+                    lowest = mixed & (~mixed + one)
+                    mixed ^= lowest
+                    t = _popcount(lowest - one)
+                    low = (
+                        (a0 >> t & one)
+                        | (a1 >> t & one) << np.uint64(1)
+                        | (b0 >> t & one) << np.uint64(2)
+                    )
+                    low |= (
+                        (b1 >> t & one) << np.uint64(3)
+                        | (c0 >> t & one) << np.uint64(4)
+                        | (c1 >> t & one) << np.uint64(5)
+                    )
+                    histogram[
+                        low | (d0 >> t & one) << np.uint64(6) | (d1 >> t & one) << np.uint64(7)
+                    ] += 1
+    histogram[0] += np.int64(none)
+    histogram[255] += np.int64(every)

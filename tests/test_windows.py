@@ -1,0 +1,122 @@
+"""Windows: the packed kernel against counting by hand, and what its functionals mean."""
+
+from itertools import pairwise, product
+
+import naive_measures
+import numpy as np
+import pytest
+from skimage.measure import euler_number
+
+from porous.kernels.windows import (
+    CROSSINGS,
+    DIRECTIONS,
+    FUNCTIONALS,
+    tile_histogram,
+    window_histogram,
+)
+
+PERIODIC = list(product((False, True), repeat=3))
+SHAPES = [(5, 4, 3), (1, 2, 7), (3, 1, 1), (2, 3, 64), (2, 2, 65), (3, 2, 63), (2, 1, 130)]
+
+
+def grid(shape, seed, density=0.5):
+    solid = np.random.default_rng(seed).random(shape) < density
+    return solid, np.where(solid, 128 + 50 * solid, 127).astype(np.uint8)
+
+
+def tell(histogram, name):
+    return int(histogram @ FUNCTIONALS[name])
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("periodic", PERIODIC)
+def test_histogram_is_that_of_looking_at_each_window(shape, periodic):
+    solid, fill = grid(shape, seed=sum(shape))
+    expected = naive_measures.histogram(solid, periodic)
+    np.testing.assert_array_equal(window_histogram(fill, periodic=periodic), expected)
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
+@pytest.mark.parametrize("density", [0.1, 0.5, 0.9])
+def test_functionals_are_counts(periodic, density):
+    solid, fill = grid((5, 6, 7), seed=3, density=density)
+    counted = window_histogram(fill, periodic=periodic)
+    vefc = [tell(counted, name) for name in ("vertices", "edges", "faces", "cells")]
+    assert vefc == naive_measures.complex_counts(solid, periodic)
+    faces = [tell(counted, name) for name in ("faces_x", "faces_y", "faces_z")]
+    assert faces == naive_measures.faces(solid, periodic)
+    assert tell(counted, "euler_number") == naive_measures.euler_number_6(solid, periodic)
+    assert tell(counted, "euler_number_26") == np.dot(vefc, (1, -1, 1, -1))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_euler_numbers_equal_scikit_image(seed):
+    solid, fill = grid((9, 8, 11), seed, density=(seed + 1) / 11)
+    counted = window_histogram(fill)
+    assert tell(counted, "euler_number") == euler_number(solid, connectivity=1)
+    assert tell(counted, "euler_number_26") == euler_number(solid, connectivity=3)
+
+
+def test_euler_numbers_of_the_phases_are_dual_on_a_torus():
+    # Solid and void share a closed surface; in a closed 3-manifold each has half its χ.
+    for seed in range(5):
+        _, fill = grid((6, 5, 7), seed)
+        one = window_histogram(fill, periodic=(True, True, True))
+        other = window_histogram(255 - fill, periodic=(True, True, True))
+        np.testing.assert_array_equal(one, other[::-1])
+        assert tell(one, "euler_number_26") == tell(other, "euler_number")
+
+
+def test_every_pair_of_neighbours_crosses_once():
+    solid, fill = grid((6, 5, 7), seed=1)
+    counted = window_histogram(fill)
+    wide = np.pad(solid, 2)
+    for direction, crossings in zip(DIRECTIONS, CROSSINGS, strict=True):
+        moved = np.roll(wide, direction, axis=(0, 1, 2))
+        assert counted @ crossings == (wide != moved).sum()
+    assert len({tuple(np.sign(d)) for d in DIRECTIONS} | {tuple(-d) for d in DIRECTIONS}) == 26
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
+def test_tiles_add_up(periodic):
+    _, fill = grid((7, 9, 70), seed=5)
+    cuts = ([0, 1, 4, 7], [0, 5, 9], [0, 3, 64, 70])
+    total = np.zeros(256, int)
+    for tile in product(*(list(pairwise(c)) for c in cuts)):
+        start, stop = zip(*tile, strict=True)
+        total += tile_histogram(fill, start, stop, periodic=periodic)
+    np.testing.assert_array_equal(total, window_histogram(fill, periodic=periodic))
+
+
+def test_a_tiled_period_counts_as_often_as_it_is_tiled():
+    _, fill = grid((4, 5, 6), seed=8)
+    wraps = (True, True, True)
+    once = window_histogram(fill, periodic=wraps)
+    np.testing.assert_array_equal(
+        window_histogram(np.tile(fill, (2, 3, 2)), periodic=wraps), 12 * once
+    )
+
+
+def test_slabs_and_threads_change_nothing(monkeypatch):
+    _, fill = grid((13, 5, 66), seed=2)
+    whole = window_histogram(fill)
+    monkeypatch.setattr("porous.kernels.windows.SLAB", 700)
+    np.testing.assert_array_equal(window_histogram(fill), whole)
+    monkeypatch.setenv("POROUS_THREADS", "3")
+    np.testing.assert_array_equal(window_histogram(fill), whole)
+
+
+def test_progress_can_cancel(monkeypatch):
+    _, fill = grid((13, 5, 6), seed=2)
+    monkeypatch.setattr("porous.kernels.windows.SLAB", 100)
+    seen = []
+
+    def progress(done, count):
+        seen.append((done, count))
+        if done > 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        window_histogram(fill, progress=progress)
+    assert seen[0][1] == 14
+    assert len(seen) < 14
