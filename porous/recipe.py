@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
     from porous.models.model import Model
 
-FORMAT = 1
-
 ALTERNATIVES = (
     ("voxels.voxels", "voxels.spacing", "voxels.per_feature"),
     ("model.digits", "model.maps"),
@@ -69,21 +67,24 @@ class VoxelsSection(Section):
     """How the model is sampled; one of voxels, spacing and per_feature says how finely."""
 
     voxels: int | None = Field(
-        None, gt=0, description="a whole number above zero: voxels along the longest edge"
+        default=None, gt=0, description="a whole number above zero: voxels along the longest edge"
     )
     spacing: Spacing | None = Field(
-        None, description="the edge lengths of a voxel along x, y and z, above zero, in unit"
+        default=None,
+        description="the edge lengths of a voxel along x, y and z, above zero, in unit",
     )
     per_feature: int | None = Field(
-        None, gt=0, description="a whole number above zero: voxels across the smallest feature"
+        default=None,
+        gt=0,
+        description="a whole number above zero: voxels across the smallest feature",
     )
     sampling: Literal["fill", "centre", "cover"] | None = Field(
-        None,
+        default=None,
         description='"fill", "centre" or "cover"; where it is missing, cover for an attractor '
         "without offset and fill for all else",
     )
     periodic: Annotated[tuple[bool, bool, bool], Field(strict=False)] = Field(
-        (False, False, False), description="three of true and false, for x, y and z"
+        default=(False, False, False), description="three of true and false, for x, y and z"
     )
     cubic: bool = Field(
         default=False, description="true to pad with equal edges, false to stretch to fit"
@@ -101,7 +102,7 @@ class SurfaceSection(Section):
     """Where the surface comes from."""
 
     method: Literal["auto", "exact", "marching-cubes", "voxel-faces", "lewiner"] = Field(
-        "auto", description='"auto", "exact", "marching-cubes", "voxel-faces" or "lewiner"'
+        default="auto", description='"auto", "exact", "marching-cubes", "voxel-faces" or "lewiner"'
     )
 
 
@@ -109,19 +110,21 @@ class VolumeSection(Section):
     """Where the volume mesh comes from."""
 
     method: Literal["auto", "tetwild", "voxel-hex", "none"] = Field(
-        "auto", description='"auto", "tetwild", "voxel-hex" or "none"'
+        default="auto", description='"auto", "tetwild", "voxel-hex" or "none"'
     )
     edge_length: float | None = Field(
-        None, gt=0, description="the wanted edge length of a tetrahedron, above zero, in unit"
+        default=None,
+        gt=0,
+        description="the wanted edge length of a tetrahedron, above zero, in unit",
     )
 
 
 class SimulationSection(Section):
     """What the deck does."""
 
-    analysis: Literal["compression"] = Field("compression", description='"compression"')
-    material: str = Field("steel", description="the name of a material")
-    pressure: float = Field(1.0, description="a number: the pressure on ZMAX, in MPa")
+    analysis: Literal["compression"] = Field(default="compression", description='"compression"')
+    material: str = Field(default="steel", description="the name of a material")
+    pressure: float = Field(default=1.0, description="a number: the pressure on ZMAX, in MPa")
 
     @field_validator("material")
     @classmethod
@@ -145,15 +148,15 @@ class Recipe(Section):
     Relative paths in it are those of the folder that porous runs in: ``load`` has resolved them.
     """
 
-    format: Literal[1] = Field(FORMAT, description="1")
-    title: str = Field("", description="a line of text")
-    source: str = Field("", description="a line of text: whose idea this is")
-    seed: int = Field(0, ge=0, description="a whole number, zero or more")
+    format: Literal[1] = Field(default=1, description="1")
+    title: str = Field(default="", description="a line of text")
+    source: str = Field(default="", description="a line of text: whose idea this is")
+    seed: int = Field(default=0, ge=0, description="a whole number, zero or more")
     model: SerializeAsAny[InstanceOf[BaseModel]] = Field(description="a table [model]")
-    voxels: VoxelsSection = Field(VoxelsSection(), description="a table [voxels]")
-    surface: SurfaceSection = Field(SurfaceSection(), description="a table [surface]")
-    volume: VolumeSection = Field(VolumeSection(), description="a table [volume]")
-    simulation: SimulationSection | None = Field(None, description="a table [simulation]")
+    voxels: VoxelsSection = Field(default=VoxelsSection(), description="a table [voxels]")
+    surface: SurfaceSection = Field(default=SurfaceSection(), description="a table [surface]")
+    volume: VolumeSection = Field(default=VolumeSection(), description="a table [volume]")
+    simulation: SimulationSection | None = Field(default=None, description="a table [simulation]")
     expect: dict[str, Expected] = Field(
         default_factory=dict, description="a table [expect] of measures"
     )
@@ -280,12 +283,9 @@ def section_of(table: Mapping[str, Any], name: str) -> type[BaseModel]:
 
 def _section_in(module: str) -> type[BaseModel] | None:
     for value in vars(importlib.import_module(f"porous.models.{module}")).values():
-        if (
-            isinstance(value, type)
-            and issubclass(value, BaseModel)
-            and "kind" in value.model_fields
-        ):
-            if get_args(value.model_fields["kind"].annotation) == (module,):
+        if isinstance(value, type) and issubclass(value, BaseModel):
+            kind = value.model_fields.get("kind")
+            if kind is not None and get_args(kind.annotation) == (module,):
                 return value
     return None
 
@@ -329,7 +329,7 @@ def _entered(here: Any, step: str, below: str, path: str) -> Any:
     return inner
 
 
-def _index(here: Any, step: str, path: str) -> str | int:
+def _index(here: Any, step: str, path: str) -> Any:
     if not step:
         raise RecipeError(f"--set {path}: got an empty key; wanted a path such as model.level")
     if isinstance(here, dict):
@@ -401,7 +401,7 @@ def _problem(
         known = sorted({key for part in _parts(section, where[:-1]) for key in part.model_fields})
         return True, f"{path}: unknown key{nearest(str(where[-1]), known)}"
     if detail["type"] == "value_error":
-        return False, f"{path}: {str(detail['ctx']['error'])}" if path else str(detail["msg"])
+        return False, f"{path}: {detail['ctx']['error']}" if path else str(detail["msg"])
     wanted = _wanted(section, where) or detail["msg"].lower()
     return False, f"{path}: got {_got(table, where)}; wanted {wanted}"
 

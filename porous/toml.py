@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from porous.errors import RecipeError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 LARGEST_FILE = 1 << 20
 """Bytes that a recipe may have."""
@@ -156,8 +156,19 @@ def _is_section(value: object) -> bool:
 def _value(value: object, indent: int) -> str:
     text = _inline(value)
     if isinstance(value, list) and len(text) + indent > WIDTH:
-        return "[\n" + "".join(f"    {_inline(part)},\n" for part in value) + "]"
+        return "[\n" + "".join(f"    {line}\n" for line in _filled(map(_inline, value))) + "]"
     return text
+
+
+def _filled(parts: Iterable[str]) -> Iterator[str]:
+    """Return lines of as many parts as fit."""
+    line = ""
+    for part in parts:
+        if line and len(line) + len(part) + 6 > WIDTH:
+            yield line
+            line = ""
+        line += f"{' ' if line else ''}{part},"
+    yield line
 
 
 def _inline(value: object) -> str:
