@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 from porous.errors import DiskError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
 
 def write_bytes(path: str | Path, chunks: bytes | Iterable[bytes]) -> None:
@@ -60,6 +61,64 @@ def remove(path: str | Path) -> None:
         Path(path).unlink(missing_ok=True)
     except OSError as error:
         raise DiskError(f"{path}: cannot be removed: {_reason(error)}") from None
+
+
+@contextlib.contextmanager
+def staging(path: str | Path) -> Iterator[Path]:
+    """Give a hidden folder inside ``path`` to fill; on leaving it is gone, whatever happened.
+
+    ``path`` is created where it is missing, and removed again where the work fails, so that
+    nothing is left behind. ``commit`` moves what was staged into place.
+
+    Raises
+    ------
+    DiskError
+        At once where nothing can be written there.
+    """
+    folder = Path(path)
+    fresh = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    stage = folder
+    try:
+        make_folder(folder)
+        with _refusals(folder):
+            stage = Path(tempfile.mkdtemp(prefix=".porous-", dir=folder))
+        yield stage
+        shutil.rmtree(stage, ignore_errors=True)
+    except BaseException as error:
+        if stage is not folder:
+            shutil.rmtree(stage, ignore_errors=True)
+        for parent in fresh:
+            with contextlib.suppress(OSError):
+                parent.rmdir()
+        if isinstance(error, DiskError):
+            raise DiskError(str(error).replace(str(stage), str(folder))) from None
+        raise
+
+
+def commit(stage: Path, folder: str | Path, *, last: str, stale: Iterable[str] = ()) -> None:
+    """Move the files of ``stage`` into ``folder``, and ``last`` after all the others.
+
+    The old ``last`` goes first, then the ``stale`` files: a folder that has it is whole.
+    """
+    target = Path(folder)
+    for name in (last, *stale):
+        remove(target / name)
+    with _refusals(target):
+        for file in sorted(stage.iterdir()):
+            if file.name != last:
+                file.replace(target / file.name)
+        _sync_folder(target)
+        (stage / last).replace(target / last)
+        _sync_folder(target)
+
+
+@contextlib.contextmanager
+def _refusals(target: Path) -> Iterator[None]:
+    """Turn what the disk refuses into ``DiskError``."""
+    try:
+        yield
+    except OSError as error:
+        raise DiskError(f"{target}: cannot be written: {_reason(error)}") from None
 
 
 def _put(target: Path, fill: Callable[[Path], None]) -> None:

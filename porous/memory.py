@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+import os
+import re
+
 import psutil
 
-from porous.errors import MemoryLimitError
+from porous.errors import MemoryLimitError, RecipeError
 
 SHARE = 0.8
 """Part of the free memory that porous takes at most."""
 
 
 def available() -> int:
-    """Return how many bytes porous may take: 80 % of what is free."""
-    return int(psutil.virtual_memory().available * SHARE)
+    """Return how many bytes porous may take: 80 % of what is free, or POROUS_MAX_MEMORY."""
+    free = int(psutil.virtual_memory().available * SHARE)
+    wanted = os.environ.get("POROUS_MAX_MEMORY", "")
+    return min(free, parse(wanted)) if wanted else free
+
+
+def parse(text: str) -> int:
+    """Return the bytes that a text such as ``8G``, ``500 MiB`` or ``1000000`` means.
+
+    Raises
+    ------
+    RecipeError
+        Where it is no amount of memory.
+    """
+    match = re.fullmatch(
+        r"(\d{1,15}(?:\.\d{1,3})?)\s*([KMGTP]?)(?:i?B)?", text.strip(), re.IGNORECASE
+    )
+    if match is None or float(match[1]) == 0:
+        raise RecipeError(f"memory: got {text!r}; wanted an amount such as 8G or 500M")
+    return int(float(match[1]) * 1024 ** " KMGTP".index(match[2].upper() or " "))
 
 
 def readable(amount: float) -> str:
