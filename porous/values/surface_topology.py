@@ -81,7 +81,8 @@ def check_closed(surface: SurfaceMesh) -> None:
     """Raise ``MeshError`` where ``surface`` does not enclose a solid; the message names where.
 
     Closed means that every edge is run as often one way as the other, so four triangles may meet
-    in an edge where two solids touch (``defects`` counts that); and that the enclosed volume is positive.
+    in an edge where two solids touch (``defects`` counts that); and that the enclosed volume is
+    positive.
 
     Raises
     ------
