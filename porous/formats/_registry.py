@@ -1,0 +1,153 @@
+"""Which formats there are, and the two doors through which files come and go.
+
+A format is one file of this folder that defines ``FORMAT``, and nothing else anywhere::
+
+    FORMAT = Format(
+        name="Wavefront OBJ",
+        suffixes=(".obj",),          # the first one is the file's own name: obj.py
+        reads=SurfaceMesh,           # None where there is no reader
+        read=read,                   # (gate.Source) -> value
+        writes=(SurfaceMesh,),
+        write=write,                 # (value) -> chunks of bytes
+    )
+
+The folder is listed, not imported: a format is imported when its suffix is asked for. Readers get
+the file's bytes and see no path, so none can open another file; writers give bytes, so every file
+appears whole or not at all (``disk``). Whatever a reader refuses, this file puts the path before.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from porous import disk
+from porous.errors import FormatError, GridError, MeshError
+from porous.formats.gate import Source, open_source
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from porous.values.value import Value
+
+HELPERS = ("gate",)
+"""Files of this folder that are no format; so are those whose name begins with an underscore."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way of keeping a value in a file.
+
+    Parameters
+    ----------
+    name
+        What the field calls it.
+    suffixes
+        With the dot, in lower case; the first one names the module.
+    reads, read
+        The type of value a file holds, and the function from a ``Source`` to it.
+    writes, write
+        The types that can be written, and the function from a value to chunks of bytes.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    reads: type[Value] | None = None
+    read: Callable[[Source], Value] | None = None
+    writes: tuple[type[Value], ...] = ()
+    write: Callable[[Any], Iterable[bytes]] | None = None
+
+    @property
+    def suffix(self) -> str:
+        """The suffix that names the format."""
+        return self.suffixes[0]
+
+
+def formats() -> tuple[Format, ...]:
+    """Return every format there is, by suffix."""
+    return tuple(_load(stem) for stem in _stems())
+
+
+def read(path: str | Path) -> Value:
+    """Read a file; its suffix says what it is.
+
+    Parameters
+    ----------
+    path
+        A regular file.
+
+    Returns
+    -------
+    A ``SurfaceMesh``, ``VoxelGrid`` or ``VolumeMesh``, as ``formats()`` says.
+
+    Raises
+    ------
+    FormatError
+        Where the file is missing, damaged, or of a format that is not known.
+    MemoryLimitError
+        Where what it holds would not fit into memory.
+    """
+    form = _find(Path(path))
+    if form.read is None:
+        there = ", ".join(f.suffix for f in formats() if f.read)
+        raise FormatError(f"{path}: {form.suffix} files are written, not read; wanted {there}")
+    try:
+        return form.read(open_source(path))
+    except (FormatError, GridError, MeshError) as error:
+        raise FormatError(f"{path}: {error}") from None
+
+
+def write(value: Value, path: str | Path) -> None:
+    """Write a value; suffix and type pick the writer. The file appears whole or not at all.
+
+    Parameters
+    ----------
+    value
+        A ``SurfaceMesh``, ``VoxelGrid``, ``VolumeMesh`` or ``Job``.
+    path
+        A file of that name is replaced.
+
+    Raises
+    ------
+    FormatError
+        For a suffix that is not known or cannot hold that value.
+    DiskError
+        Where the disk refuses.
+    """
+    form = _find(Path(path))
+    if form.write is None or not isinstance(value, form.writes):
+        what = type(value).__name__
+        homes = ", ".join(f.suffix for f in formats() if isinstance(value, f.writes))
+        if not homes:
+            raise TypeError(f"write: no format holds a {what}")
+        raise FormatError(
+            f"{path}: a {form.suffix} file cannot hold a {what}; wanted one of {homes}"
+        )
+    disk.write_bytes(path, form.write(value))
+
+
+def _find(path: Path) -> Format:
+    suffix = path.suffix.lower()
+    if suffix[1:] in _stems():
+        return _load(suffix[1:])
+    known = {s: form for form in formats() for s in form.suffixes}
+    if suffix in known:
+        return known[suffix]
+    near = get_close_matches(suffix, sorted(known), n=1)
+    hint = f"did you mean {near[0]}? There are" if near else "there are"
+    got = f"unknown format {suffix!r}" if suffix else "the name has no suffix to tell its format"
+    raise FormatError(f"{path}: {got}; {hint} {', '.join(sorted(known))}")
+
+
+def _stems() -> list[str]:
+    names = [module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])]
+    return sorted(name for name in names if name not in HELPERS and not name.startswith("_"))
+
+
+def _load(stem: str) -> Format:
+    form: Format = import_module(f"porous.formats.{stem}").FORMAT
+    return form

@@ -1,0 +1,197 @@
+"""STL: triangles without shared points, in single precision; what printers take.
+
+Binary: 80 bytes of header, the number of facets, and 50 bytes a facet (normal, three corners,
+attribute). Text is read too. The format knows no unit, no parts and seven digits: our header says
+``unit=mm``; parts are lost. A body that lies far from zero for its size would lose its shape in
+seven digits: it is written relative to its own corner, and the header says ``origin=x,y,z``, which
+our reader adds again.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from porous.errors import FormatError
+from porous.formats._registry import Format
+from porous.formats.gate import few, numbers, refuse
+from porous.values import SurfaceMesh
+from porous.values.units import METRES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from porous.formats.gate import Source
+
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+PREFIX = 84
+FAR = 4.0
+"""A body whose farthest coordinate is more than this many of its own lengths is moved."""
+SLAB = 100_000
+TITLE = re.compile(rb"\s*(?:end)?solid\b[^\n]*", re.IGNORECASE)
+VERTEX = rb"\s+vertex" + 3 * rb"\s+(\S{1,64})"
+TEXT = re.compile(
+    rb"\s*facet\s+normal(?:\s+\S{1,64}){3}\s+outer\s+loop" + 3 * VERTEX + rb"\s+endloop\s+endfacet",
+    re.IGNORECASE,
+)
+PLAUSIBLE = (1e-6, 1e6)
+"""Longest edge, in the file's unit, beyond which the unit is asked after."""
+
+
+def read(source: Source) -> SurfaceMesh:
+    """Read a binary or text STL; equal corners become one point, in their order of appearance."""
+    data = source.data
+    if _is_text(data):
+        corners, unit = _read_text(data), "mm"
+    else:
+        corners, unit = _read_binary(source)
+    bad = np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))
+    if len(bad):
+        refuse(f"facet {bad[0] + 1} of {len(corners)}", corners[bad[0]].tolist(), "finite corners")
+    return _weld(source, corners, unit)
+
+
+def write(surface: SurfaceMesh) -> Iterator[bytes]:
+    """Write binary STL; facets whose corners fall together in single precision are left out."""
+    if not len(surface.triangles):
+        raise FormatError("the surface has no triangles; an STL file needs at least one")
+    _check_range(surface.points)
+    names, shift = _shift(surface.points)
+    single = (surface.points - shift).astype(np.float32)
+    kept = surface.triangles[_distinct(single[surface.triangles])]
+    yield f"porous STL unit={surface.unit}{names}".encode().ljust(80)
+    yield np.uint32(len(kept)).tobytes()
+    for start in range(0, len(kept), SLAB):
+        yield _facets(surface.points, single, kept[start : start + SLAB]).tobytes()
+
+
+def _is_text(data: bytes) -> bool:
+    # Many binary files begin with "solid" too: the count decides before the word does.
+    if len(data) >= PREFIX and len(data) == PREFIX + _count(data) * FACET.itemsize:
+        return False
+    head = data[:1024].lstrip().lower()
+    return head.startswith(b"solid") and b"\0" not in head
+
+
+def _count(data: bytes) -> int:
+    return int.from_bytes(data[80:PREFIX], "little")
+
+
+def _read_binary(source: Source) -> tuple[NDArray[np.float64], str]:
+    data = source.data
+    if len(data) < PREFIX:
+        raise FormatError(f"got {len(data)} bytes; a binary STL has at least {PREFIX}")
+    count, there = _count(data), (len(data) - PREFIX) // FACET.itemsize
+    if count > there:
+        raise FormatError(f"the header says {count} facets; the file has bytes for {there}")
+    over = len(data) - PREFIX - count * FACET.itemsize
+    if over:
+        source.note(f"{over} bytes follow the last of {count} facets; they are left out")
+    facets = np.frombuffer(data, FACET, count, PREFIX)
+    unit, origin = _header(data[:80])
+    return facets["corners"] + origin, unit
+
+
+def _header(text: bytes) -> tuple[str, NDArray[np.float64]]:
+    if not text.startswith(b"porous STL "):
+        return "mm", np.zeros(3)
+    words = dict(re.findall(r"(\w+)=(\S+)", text.decode("ascii", "replace")))
+    unit = words.get("unit", "mm")
+    if unit not in METRES:
+        refuse("unit in the header", unit, f"one of {', '.join(METRES)}")
+    origin = numbers(
+        words.get("origin", "0,0,0").replace(",", " ").encode(), "origin in the header"
+    )
+    if origin.shape != (3,):
+        refuse("origin in the header", words["origin"], "three numbers")
+    return unit, origin
+
+
+def _read_text(data: bytes) -> NDArray[np.float64]:
+    corners, place, count = array("d"), 0, 0
+    while rest := data[place : place + 256].strip():
+        if title := TITLE.match(data, place):
+            place = title.end()
+            continue
+        count += 1
+        match = TEXT.match(data, place)
+        if match is None:
+            wanted = "facet normal …, outer loop, three vertices, endloop, endfacet"
+            refuse(f"facet {count}", rest[:30].decode("utf-8", "replace"), wanted)
+        corners.extend(few(list(match.groups()), f"facet {count}"))
+        place = match.end()
+    return np.array(corners).reshape(-1, 3, 3)
+
+
+def _weld(source: Source, corners: NDArray[np.float64], unit: str) -> SurfaceMesh:
+    rows = np.ascontiguousarray(corners.reshape(-1, 3)) + 0.0  # −0 and 0 are one place
+    _, first, place = np.unique(rows.view("V24").ravel(), return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    triangles = rank[place].reshape(-1, 3)
+    proper = triangles[_proper(triangles)]
+    if not len(proper):
+        raise FormatError(f"none of {len(triangles)} facets is a triangle; wanted at least one")
+    surface = SurfaceMesh(rows[first[order]], proper, unit)
+    _notes(source, surface, len(triangles) - len(proper))
+    return surface
+
+
+def _notes(source: Source, surface: SurfaceMesh, collapsed: int) -> None:
+    if collapsed:
+        source.note(f"{collapsed} facets have two corners in one place; they are left out")
+    alike = np.unique(np.sort(surface.triangles, axis=1), axis=0)
+    if len(alike) < len(surface.triangles):
+        source.note(f"{len(surface.triangles) - len(alike)} facets lie on others")
+    length = max(surface.box.lengths)
+    if not PLAUSIBLE[0] <= length <= PLAUSIBLE[1]:
+        source.note(f"the longest edge is {length:.3g} {surface.unit}: is that the unit?")
+
+
+def _proper(triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
+    a, b, c = triangles.T
+    result: NDArray[np.bool_] = (a != b) & (b != c) & (c != a)
+    return result
+
+
+def _distinct(corners: NDArray[np.float32]) -> NDArray[np.bool_]:
+    a, b, c = np.moveaxis(corners, 1, 0)
+    different = [(u != v).any(axis=1) for u, v in ((a, b), (b, c), (c, a))]
+    return np.asarray(np.logical_and.reduce(different))
+
+
+def _shift(points: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
+    """Return the corner that coordinates are relative to: as the header's words, and exactly."""
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    far = max(np.abs(lower).max(), np.abs(upper).max())
+    if far <= FAR * (upper - lower).max():
+        return "", np.zeros(3)
+    words = [str(v) for v in lower.astype(np.float32)]  # the shortest names there are: they fit
+    return f" origin={','.join(words)}", np.array([float(word) for word in words])
+
+
+def _check_range(points: NDArray[np.float64]) -> None:
+    farthest = float(np.abs(points).max())
+    if farthest > np.finfo(np.float32).max / 2:
+        refuse("coordinates", farthest, "at most 1.7e38 for STL")
+
+
+def _facets(
+    points: NDArray[np.float64], single: NDArray[np.float32], triangles: NDArray[np.int64]
+) -> NDArray[Any]:
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    facets = np.zeros(len(triangles), FACET)
+    facets["normal"] = normals / np.where(lengths > 0, lengths, 1.0)
+    facets["corners"] = single[triangles]
+    return facets
+
+
+FORMAT = Format("STL", (".stl",), SurfaceMesh, read, (SurfaceMesh,), write)
