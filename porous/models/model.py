@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -70,3 +72,29 @@ class HasExact(Protocol):
         self, periodic: tuple[bool, bool, bool] = (False, False, False)
     ) -> tuple[Measure, ...]:
         """Return what is known in closed form for this level and periodicity, if anything."""
+
+
+@runtime_checkable
+class HasFill(Protocol):
+    """A model that knows a short cut to the fill of some frames, at memory speed."""
+
+    def fill(
+        self,
+        frame: Frame,
+        pattern: Pattern,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> NDArray[np.uint8] | None:
+        """Return the fill of every voxel, shape ``frame.shape``, or None without a short cut.
+
+        The same bytes as counting ``sample``'s bits gives. ``progress`` is called with the work
+        done and the whole of it; raising in it cancels.
+        """
+
+
+@runtime_checkable
+class HasFeature(Protocol):
+    """A model that may know how small its details are."""
+
+    @property
+    def feature_size(self) -> float | None:
+        """Length that ``per_feature`` divides, in ``unit``; None where details have no end."""
