@@ -1,1 +1,147 @@
 """Volumetric porous materials: recipe in; analysed, printable, simulation-ready geometry out."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from porous import measures
+    from porous.certificate import Certificate
+    from porous.errors import (
+        Cancelled,
+        DiskError,
+        FormatError,
+        GridError,
+        GuestError,
+        MemoryLimitError,
+        MeshError,
+        ModelError,
+        PorousError,
+        RecipeError,
+        ViewError,
+    )
+    from porous.formats import read, write
+    from porous.models.ifs import ifs
+    from porous.pipeline import Result, run
+    from porous.recipe import Recipe, build, load
+    from porous.report import write_report
+    from porous.stages import (
+        exact_surface,
+        extract_surface,
+        hexahedralize,
+        name_parts,
+        tetrahedralize,
+        voxelize,
+    )
+    from porous.values import (
+        Box,
+        Frame,
+        Job,
+        Material,
+        Measure,
+        Measures,
+        SurfaceMesh,
+        VolumeMesh,
+        VoxelGrid,
+    )
+    from porous.view import show
+    from porous.workspace import make
+
+_HOMES = {
+    "certificate": ("Certificate",),
+    "errors": (
+        "Cancelled",
+        "DiskError",
+        "FormatError",
+        "GridError",
+        "GuestError",
+        "MemoryLimitError",
+        "MeshError",
+        "ModelError",
+        "PorousError",
+        "RecipeError",
+        "ViewError",
+    ),
+    "formats": ("read", "write"),
+    "models.ifs": ("ifs",),
+    "pipeline": ("Result", "run"),
+    "recipe": ("Recipe", "build", "load"),
+    "report": ("write_report",),
+    "stages": (
+        "exact_surface",
+        "extract_surface",
+        "hexahedralize",
+        "name_parts",
+        "tetrahedralize",
+        "voxelize",
+    ),
+    "values": (
+        "Box",
+        "Frame",
+        "Job",
+        "Material",
+        "Measure",
+        "Measures",
+        "SurfaceMesh",
+        "VolumeMesh",
+        "VoxelGrid",
+    ),
+    "view": ("show",),
+    "workspace": ("make",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Box",
+    "Cancelled",
+    "Certificate",
+    "DiskError",
+    "FormatError",
+    "Frame",
+    "GridError",
+    "GuestError",
+    "Job",
+    "Material",
+    "Measure",
+    "Measures",
+    "MemoryLimitError",
+    "MeshError",
+    "ModelError",
+    "PorousError",
+    "Recipe",
+    "RecipeError",
+    "Result",
+    "SurfaceMesh",
+    "ViewError",
+    "VolumeMesh",
+    "VoxelGrid",
+    "build",
+    "exact_surface",
+    "extract_surface",
+    "hexahedralize",
+    "ifs",
+    "load",
+    "make",
+    "measures",
+    "name_parts",
+    "read",
+    "run",
+    "show",
+    "tetrahedralize",
+    "voxelize",
+    "write",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "measures":
+        return import_module("porous.measures")
+    if name not in _HOME:
+        raise AttributeError(f"module 'porous' has no attribute {name!r}")
+    value = getattr(import_module(f"porous.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -379,6 +379,21 @@ def _files_in(section: BaseModel, path: str) -> Iterable[tuple[str, Path]]:
             yield from _files_in(value, f"{path}.{name}")
 
 
+def with_files(recipe: Recipe, names: Mapping[str, Path]) -> Recipe:
+    """Return the recipe with other files in place of those at these key paths."""
+    changed: Any = recipe
+    for path, name in names.items():
+        changed = _replaced(changed, path.split("."), name)
+    assert isinstance(changed, Recipe)
+    return changed
+
+
+def _replaced(section: BaseModel, steps: list[str], value: object) -> BaseModel:
+    step, *rest = steps
+    inner = _replaced(getattr(section, step), rest, value) if rest else value
+    return section.model_copy(update={step: inner})
+
+
 def _validated(
     section: type[BaseModel], table: Mapping[str, Any], name: str, above: tuple[str, ...]
 ) -> BaseModel:

@@ -1,0 +1,385 @@
+"""The command line: one function per command, and the only file that prints or exits.
+
+Exit codes: 0 done; 2 the user can mend it; 1 a foreign engine or the disk failed; 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import signal
+import sys
+import time
+import traceback
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter
+
+from porous.errors import PorousError, RecipeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from porous.pipeline import Result
+    from porous.recipe import Recipe
+    from porous.values import Measure, Measures
+
+app = App(
+    name="porous",
+    help="Volumetric porous materials: recipe in; analysed, printable, simulation-ready geometry "
+    "out. Begin with: porous make menger -o out",
+    version=lambda: f"porous {version('porous')}",
+    suppress_keyboard_interrupt=False,
+    help_format="plaintext",
+)
+
+Source = Annotated[str, Parameter(help="A preset's name, or a path to a recipe (TOML).")]
+Values = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set",
+        negative="",
+        show_default=False,
+        help="Another value for a key of the recipe: --set model.level=3. May be repeated.",
+    ),
+]
+Voxels = Annotated[
+    int | None, Parameter(name="--voxels", help="Voxels along the longest edge of the domain.")
+]
+Memory = Annotated[
+    str | None, Parameter(name="--max-memory", help="Memory that may be taken, such as 8G.")
+]
+Json = Annotated[
+    bool, Parameter(name="--json", negative="", show_default=False, help="Print JSON.")
+]
+Folder = Annotated[Path, Parameter(name=["--out", "-o"], help="The folder to fill.")]
+
+
+@app.command(name="list")
+def list_() -> None:
+    """List the presets: name, kind, title."""
+    from porous import presets
+    from porous.toml import read_table
+
+    tables = {name: read_table(presets.path_of(name)) for name in presets.names()}
+    rows = [(name, table["model"]["kind"], table["title"]) for name, table in tables.items()]
+    _print_columns(rows)
+
+
+@app.command
+def recipe(
+    name: Annotated[str | None, Parameter(help=Source.__metadata__[0].help)] = None,  # type: ignore[attr-defined]
+    *,
+    values: Values = (),
+    voxels: Voxels = None,
+    schema: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Print the JSON Schema of recipes.")
+    ] = False,
+) -> None:
+    """Print a recipe in full (TOML): copy it, edit it, make it."""
+    from porous.recipe import dump
+    from porous.recipe import schema as json_schema
+
+    if schema:
+        print(json.dumps(json_schema(), indent=1))
+        return
+    if name is None:
+        raise RecipeError("recipe: wanted a preset's name or a path; see: porous list")
+    print(dump(_load(name, values, voxels)), end="")
+
+
+@app.command
+def make(
+    source: Source,
+    *,
+    out: Folder,
+    values: Values = (),
+    voxels: Voxels = None,
+    only: Annotated[
+        str | None,
+        Parameter(
+            help="Make no more than that: model, voxels, surface, volume, simulation or measures."
+        ),
+    ] = None,
+    as_json: Json = False,
+    max_memory: Memory = None,
+) -> None:
+    """Make everything that a recipe says, into a folder: voxels, surface, mesh, deck, report."""
+    from porous import workspace
+
+    with _memory(max_memory), _Progress() as progress:
+        made = workspace.make(_load(source, values, voxels), out, only=only, progress=progress)
+    if as_json:
+        print((out / workspace.LAST).read_text(encoding="utf-8"), end="")
+        return
+    _print_result(made)
+    print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
+
+
+@app.command
+def measure(
+    source: Annotated[str, Parameter(help="A surface, grid or mesh file, a preset or a recipe.")],
+    *,
+    values: Values = (),
+    voxels: Voxels = None,
+    feature: Annotated[
+        float | None, Parameter(help="The smallest feature that can be printed, in the unit.")
+    ] = None,
+    as_json: Json = False,
+    out: Annotated[
+        Path | None, Parameter(name=["--out", "-o"], help="A folder for the report.")
+    ] = None,
+    max_memory: Memory = None,
+) -> None:
+    """Measure a file, a preset or a recipe."""
+    from porous import workspace
+
+    with _memory(max_memory), _Progress() as progress:
+        result, record = workspace.measure(
+            source,
+            set=_settings(values, voxels),
+            feature=feature,
+            folder=out,
+            progress=progress,
+        )
+    if as_json:
+        print(json.dumps(record, indent=1, ensure_ascii=False))
+        return
+    _print_result(result)
+
+
+@app.command
+def convert(
+    source: Annotated[Path, Parameter(help="A file of any format that is read.")],
+    target: Annotated[Path, Parameter(help="The file to write; its suffix says the format.")],
+) -> None:
+    """Convert a file into another format."""
+    from porous.formats import read, write
+
+    write(read(source), target)
+
+
+@app.command
+def show(source: Annotated[Path, Parameter(help="A grid, surface or mesh file.")]) -> None:
+    """Show a file in a window."""
+    from porous.formats import read
+    from porous.view import show as show_value
+
+    show_value(read(source))
+
+
+@app.command
+def formats() -> None:
+    """List the formats: suffixes, name, what is read and what is written."""
+    from porous.formats import formats as known
+
+    rows = [("suffix", "format", "read as", "written from")]
+    for form in known():
+        read_as = form.reads.__name__ if form.reads else "–"
+        written = ", ".join(kind.__name__ for kind in form.writes) or "–"
+        rows.append((", ".join(form.suffixes), form.name, read_as, written))
+    _print_columns(rows)
+
+
+@app.command
+def models() -> None:
+    """List the kinds of models that a recipe may have."""
+    from porous.recipe import sections
+
+    _print_columns(
+        [(kind, (section.__doc__ or "").split("\n")[0]) for kind, section in sections().items()]
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line; return its exit code."""
+    with _quiet_warnings(), _terminated():
+        try:
+            app(
+                sys.argv[1:] if argv is None else list(argv),
+                exit_on_error=False,
+                print_error=False,
+                result_action="return_value",
+            )
+            sys.stdout.flush()
+        except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the last door out)
+            return _failed(error)
+    return 0
+
+
+def _failed(error: BaseException) -> int:
+    """Say in one line what went wrong; return the exit code."""
+    if isinstance(error, BrokenPipeError):
+        # Whoever read our output has gone; the interpreter must not try to flush it again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    code, text = _verdict(error)
+    if os.environ.get("POROUS_TRACEBACK"):
+        traceback.print_exception(error)
+    _complain(text)
+    return code
+
+
+def _verdict(error: BaseException) -> tuple[int, str]:
+    if isinstance(error, PorousError):
+        return error.exit_code, str(error)
+    if isinstance(error, CycloptsError):
+        return 2, f"{error}; see: porous --help"
+    if isinstance(error, KeyboardInterrupt):
+        return 130, "interrupted; nothing was written"
+    if isinstance(error, MemoryError):
+        return 1, f"out of memory: {error}" if str(error) else "out of memory"
+    what = f"{type(error).__name__}: {error}"
+    return 1, f"a fault of porous itself: {what} (POROUS_TRACEBACK=1 says where)"
+
+
+def _complain(text: str) -> None:
+    with contextlib.suppress(OSError):
+        print("porous:", " ".join(text.split()), file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def _quiet_warnings() -> Iterator[None]:
+    """Say warnings in one line; those of other people's packages are not for the user."""
+
+    def say(message: Warning | str, category: type[Warning], *_: Any) -> None:
+        if category.__module__.startswith("porous."):
+            _complain(f"warning: {message}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        warnings.showwarning = say
+        yield
+
+
+@contextlib.contextmanager
+def _terminated() -> Iterator[None]:
+    """Let a request to terminate clean up as Ctrl-C does."""
+
+    def stop(*_: object) -> None:
+        raise SystemExit(128 + signal.SIGTERM)
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # not in the main thread: whoever runs us keeps the signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def _memory(amount: str | None) -> Iterator[None]:
+    """Let no more than ``amount`` of memory be taken, here and by guests."""
+    from porous.memory import parse
+
+    before = os.environ.get("POROUS_MAX_MEMORY")
+    if amount is not None:
+        os.environ["POROUS_MAX_MEMORY"] = str(parse(amount))
+    try:
+        yield
+    finally:
+        if amount is not None:
+            os.environ.pop("POROUS_MAX_MEMORY")
+            if before is not None:
+                os.environ["POROUS_MAX_MEMORY"] = before
+
+
+def _settings(values: Iterable[str], voxels: int | None) -> dict[str, object]:
+    from porous.recipe import assignment
+
+    chosen = dict(map(assignment, values))
+    if voxels is not None:
+        chosen["voxels.voxels"] = voxels
+    return chosen
+
+
+def _load(source: str, values: Iterable[str], voxels: int | None) -> Recipe:
+    from porous.recipe import load
+
+    return load(source, set=_settings(values, voxels))
+
+
+class _Progress:
+    """What is being done, on stderr: a bar on a terminal, else a line for every stage."""
+
+    def __init__(self) -> None:
+        self.begun: dict[str, float] = {}
+        self.bar: Any = None
+        self.tasks: dict[str, Any] = {}
+
+    def __enter__(self) -> _Progress:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import Progress
+
+            self.bar = Progress(console=Console(stderr=True), transient=True)
+            self.bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.bar is not None:
+            self.bar.stop()
+
+    def __call__(self, stage: str, done: float) -> None:
+        if self.bar is None:
+            self._line(stage, done)
+            return
+        if stage not in self.tasks:
+            self.tasks[stage] = self.bar.add_task(stage, total=1.0)
+        self.bar.update(self.tasks[stage], completed=done)
+
+    def _line(self, stage: str, done: float) -> None:
+        now = time.perf_counter()
+        begin = self.begun.setdefault(stage, now)
+        if done >= 1:
+            del self.begun[stage]
+            with contextlib.suppress(OSError):
+                print(f"{stage}: {now - begin:.1f} s", file=sys.stderr, flush=True)
+
+
+def _print_result(result: Result) -> None:
+    _print_measures(result.measures)
+    for note in result.notes:
+        print(f"note: {note}")
+    if result.certificate is not None:
+        print(result.certificate)
+
+
+def _print_measures(measures: Measures) -> None:
+    """Print what was measured, with the closed form beside it where there is one."""
+    exact = {row.name: row for row in measures if row.method == "closed form"}
+    rows = [("measure", "value", "", "unit", "method", "of", "closed form")]
+    measured = {row.name for row in measures if row.method != "closed form"}
+    for row in measures:
+        if row.name in measured and row.method == "closed form":
+            continue
+        known = exact.get(row.name)
+        beside = _number(known.value) if known is not None and known is not row else ""
+        unit = "" if row.unit == "1" else row.unit
+        rows.append((row.name, _number(row.value), _spread(row), unit, row.method, row.of, beside))
+    _print_columns(rows)
+
+
+def _spread(row: Measure) -> str:
+    return "exact" if row.kind == "exact" else f"± {row.uncertainty:.2g}"
+
+
+def _number(value: float) -> str:
+    if math.isfinite(value) and value == int(value) and abs(value) < 1e9:
+        return str(int(value))
+    return f"{value:.6g}"
+
+
+def _print_columns(rows: Sequence[Sequence[str]]) -> None:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        print("  ".join(cells).rstrip())

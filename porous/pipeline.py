@@ -1,0 +1,279 @@
+"""A recipe from end to end: the stages in order, what each cost, and what is known in the end."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeVar
+
+from porous.errors import GridError, ModelError, RecipeError, nearest
+from porous.recipe import build
+from porous.values import Measures
+from porous.values.value import Value
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from porous.certificate import Certificate
+    from porous.models.model import Model
+    from porous.recipe import Recipe
+    from porous.values import Job, SurfaceMesh, VolumeMesh, VoxelGrid
+
+    Progress = Callable[[str, float], None]
+
+T = TypeVar("T")
+
+TETWILD_TRIANGLES = 20_000
+"""Triangles of a surface up to which ``auto`` asks tetwild; beyond, one hexahedron per voxel."""
+
+WANTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "model": (),
+        "voxels": ("voxels",),
+        "surface": ("surface",),
+        "volume": ("surface", "volume"),
+        "simulation": ("surface", "volume", "simulation"),
+        "measures": ("voxels", "surface"),
+        "all": ("voxels", "surface", "volume", "simulation"),
+    }
+)
+"""What ``only`` may be, and the stages it asks for; those that they need run besides."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result(Value):
+    """What came of a recipe; None where a stage was not asked for.
+
+    Parameters
+    ----------
+    recipe, model
+        What was asked for.
+    grid, surface, volume, job
+        What the stages made.
+    measures
+        Of all of these; closed forms beside what was measured.
+    certificate
+        Model, grid, surface and mesh held against each other.
+    times
+        Seconds that each stage took.
+    notes
+        What was decided on the way and what the user should know.
+    """
+
+    recipe: Recipe | None
+    model: Model | None = None
+    grid: VoxelGrid | None = None
+    surface: SurfaceMesh | None = None
+    volume: VolumeMesh | None = None
+    job: Job | None = None
+    measures: Measures = field(default_factory=Measures)
+    certificate: Certificate | None = None
+    times: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._set("times", MappingProxyType(dict(self.times)))
+        self._set("notes", tuple(self.notes))
+
+
+def run(recipe: Recipe, *, only: str | None = None, progress: Progress | None = None) -> Result:
+    """Run the stages of a recipe, in memory.
+
+    Parameters
+    ----------
+    recipe
+        What to make.
+    only
+        model, voxels, surface, volume, simulation or measures: run what that needs and no more.
+    progress
+        Called with the stage's name and its share done, from 0 to 1; raising in it cancels.
+
+    Raises
+    ------
+    PorousError
+        As the stages do: ``ModelError``, ``MemoryLimitError``, ``MeshError``, ``GuestError``, …
+    """
+    wanted = _wanted(only)
+    work = _Work(recipe, progress)
+    work.build()
+    if "voxels" in wanted:
+        work.voxelize()
+    if "surface" in wanted:
+        work.extract_surface()
+    if "volume" in wanted:
+        work.fill_volume()
+    if "simulation" in wanted:
+        work.prepare_job()
+    work.measure()
+    work.certify()
+    return work.result()
+
+
+def _wanted(only: str | None) -> tuple[str, ...]:
+    if only is not None and only not in WANTED:
+        raise RecipeError(f"--only: got {only!r}{nearest(only, WANTED)}")
+    return WANTED[only or "all"]
+
+
+class _Work:
+    """One run under way: what has been made so far, and the clock."""
+
+    def __init__(self, recipe: Recipe, progress: Progress | None) -> None:
+        self.recipe = recipe
+        self.progress = progress
+        self.times: dict[str, float] = {}
+        self.notes: list[str] = []
+        self.grid: VoxelGrid | None = None
+        self.surface: SurfaceMesh | None = None
+        self.volume: VolumeMesh | None = None
+        self.job: Job | None = None
+        self.measures = Measures()
+        self.certificate: Certificate | None = None
+
+    def build(self) -> None:
+        self.model: Model = self._timed("model", lambda _: build(self.recipe))
+
+    def voxelize(self) -> None:
+        from porous.stages import voxelize
+
+        how = self.recipe.voxels
+        self.grid = self._timed(
+            "voxels",
+            lambda progress: voxelize(
+                self.model,
+                voxels=how.voxels,
+                spacing=how.spacing,
+                per_feature=how.per_feature,
+                sampling=how.sampling or "fill",
+                periodic=how.periodic,
+                cubic=how.cubic,
+                progress=progress,
+            ),
+        )
+
+    def extract_surface(self) -> None:
+        from porous.stages import extract_surface
+
+        method = self.recipe.surface.method
+        if method in ("auto", "exact"):
+            self._exact_surface(required=method == "exact")
+        if self.surface is None:
+            method = "marching-cubes" if method == "auto" else method
+            grid = self._solid_grid()
+            self.surface = self._timed(
+                "surface", lambda progress: extract_surface(grid, method=method, progress=progress)
+            )
+
+    def _exact_surface(self, *, required: bool) -> None:
+        from porous.models.model import HasBoundary
+        from porous.stages import exact_surface
+
+        if self.recipe.voxels.sampling == "cover" and not required:
+            return  # what is covered is the attractor, not a body with a boundary
+        if not isinstance(self.model, HasBoundary):
+            if required:
+                raise ModelError('surface.method = "exact": this model has no boundary to compute')
+            return
+        try:
+            self.surface = self._timed("surface", lambda _: exact_surface(self.model))
+        except ModelError as error:
+            if required:
+                raise
+            self.notes.append(f"surface from voxels, not exact: {error}")
+
+    def fill_volume(self) -> None:
+        from porous.stages import hexahedralize, name_parts, tetrahedralize
+
+        method = self._volume_method()
+        if method == "none":
+            return
+        if method == "tetwild":
+            surface, length = self.surface, self.recipe.volume.edge_length
+            assert surface is not None
+            mesh = self._timed(
+                "volume",
+                lambda progress: tetrahedralize(surface, edge_length=length, progress=progress),
+            )
+        else:
+            grid = self._solid_grid()
+            mesh = self._timed("volume", lambda _: hexahedralize(grid))
+        self.volume = name_parts(mesh, self._body_box())
+
+    def _volume_method(self) -> str:
+        method = self.recipe.volume.method
+        if method != "auto":
+            return method
+        assert self.surface is not None
+        count = len(self.surface.triangles)
+        if count <= TETWILD_TRIANGLES:
+            return "tetwild"
+        self.notes.append(
+            f"one hexahedron per solid voxel: the surface has {count} triangles; tetrahedra are "
+            f'made unasked up to {TETWILD_TRIANGLES}, beyond with volume.method = "tetwild"'
+        )
+        return "voxel-hex"
+
+    def prepare_job(self) -> None:
+        from porous.jobs import compression, material
+
+        how = self.recipe.simulation
+        if how is None or self.volume is None:
+            return
+        self.job = compression(self.volume, material=material(how.material), pressure=how.pressure)
+        if self.job.step is None:
+            self.notes.append(f"no step in the deck: {self.job.why_no_step}")
+
+    def measure(self) -> None:
+        from porous.measures import measure
+
+        subjects = [self.model, self.grid, self.surface, self.volume]
+        for subject in subjects:
+            if subject is not None:
+                self.measures += self._timed("measures", lambda _, of=subject: measure(of))
+
+    def certify(self) -> None:
+        from porous.certificate import certify
+
+        self.certificate = self._timed(
+            "certificate", lambda _: certify(self.model, self.grid, self.surface, self.volume)
+        )
+
+    def result(self) -> Result:
+        return Result(
+            self.recipe,
+            self.model,
+            self.grid,
+            self.surface,
+            self.volume,
+            self.job,
+            self.measures,
+            self.certificate,
+            self.times,
+            tuple(self.notes),
+        )
+
+    def _solid_grid(self) -> VoxelGrid:
+        """Return the grid, made now if it was not asked for, or refuse one without a body."""
+        if self.grid is None:
+            self.voxelize()
+        assert self.grid is not None
+        if not self.grid.solid.any():
+            raise GridError(
+                f"voxels: none of the {self.grid.frame.size} voxels is solid; wanted a finer grid "
+                'or model.offset, or sampling = "cover"'
+            )
+        return self.grid
+
+    def _timed(self, stage: str, step: Callable[[Progress | None], T]) -> T:
+        """Run one stage on the clock; what it reports is reported under the stage's name."""
+        report = self.progress
+        inner = None if report is None else lambda _, done: report(stage, min(done, 0.999))
+        if report is not None:
+            report(stage, 0.0)
+        begin = time.perf_counter()
+        value = step(inner)
+        self.times[stage] = self.times.get(stage, 0.0) + time.perf_counter() - begin
+        if report is not None:
+            report(stage, 1.0)
+        return value
