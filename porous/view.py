@@ -1,0 +1,184 @@
+"""Pictures of grids and meshes: drawn off screen by VTK in a process of its own, or in a window.
+
+VTK ends the whole process where libX11 or an OpenGL library is missing, so they are looked for
+first, and the drawing is done by ``python -m porous.view`` under watch.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from porous.errors import GuestError, ViewError
+from porous.guests.process import run, workplace
+from porous.values import SHAPES, SurfaceMesh, VolumeMesh, VoxelGrid
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Drawable = SurfaceMesh | VolumeMesh | VoxelGrid
+    Polygons = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+TIME_LIMIT = 120.0
+"""Seconds that one picture may take."""
+
+PACKAGES = "libx11-6 libegl1 libgl1"
+"""Debian's packages that drawing needs."""
+
+FINEST = 160
+"""Voxels along an edge that a picture shows; finer grids are thinned."""
+
+COLOUR = "#d2b48c"
+FROM = (1.7, -2.3, 1.3)
+"""Where the eye is, seen from the body."""
+
+
+def picture(value: Drawable, *, width: int = 800, height: int = 600) -> bytes:
+    """Return a picture of a grid or a mesh as the bytes of a PNG file.
+
+    Parameters
+    ----------
+    value
+        A voxel grid (its solid voxels are drawn), a surface or a volume mesh (its boundary, with
+        the edges of its cells).
+    width, height
+        In pixels.
+
+    Raises
+    ------
+    ViewError
+        Where this machine cannot draw, with the packages that would mend it, or where there is
+        nothing to draw.
+    """
+    _require_libraries()
+    with workplace() as folder:
+        _save_scene(folder / "scene.npz", value, (width, height))
+        _draw(folder, "picture.png")
+        return (folder / "picture.png").read_bytes()
+
+
+def show(value: Drawable) -> None:
+    """Open a window on a grid or a mesh, to turn and zoom; return when it is closed.
+
+    Raises
+    ------
+    ViewError
+        Where there is no screen or this machine cannot draw.
+    """
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise ViewError(
+            "there is no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set); "
+            "the report of `porous make` has a picture"
+        )
+    _require_libraries()
+    with workplace() as folder:
+        _save_scene(folder / "scene.npz", value, (1200, 900))
+        _draw(folder)
+
+
+def _require_libraries() -> None:
+    drawers = ("libEGL.so.1", "libOSMesa.so.8")
+    if not _loads("libX11.so.6") or not any(map(_loads, drawers)):
+        raise ViewError(
+            "this machine cannot draw: libX11 and one of libEGL and OSMesa are needed; "
+            f"on Debian: apt-get install {PACKAGES}"
+        )
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _draw(folder: Path, *image: str) -> None:
+    command = [sys.executable, "-m", "porous.view", "scene.npz", *image]
+    limit = TIME_LIMIT if image else math.inf
+    try:
+        run(command, name="the drawing process", folder=folder, time_limit=limit)
+    except GuestError as error:
+        raise ViewError(f"the picture could not be drawn: {error}") from None
+
+
+def _save_scene(path: Path, value: Drawable, size: tuple[int, int]) -> None:
+    if min(size) < 1:
+        raise ViewError(f"picture: got {size[0]} × {size[1]} pixels; wanted at least one")
+    points, faces = _polygons(value)
+    if not len(faces):
+        raise ViewError("there is nothing to draw: no solid voxel, triangle or cell")
+    edges = isinstance(value, VolumeMesh)
+    np.savez(path, points=points, faces=faces, size=size, edges=edges)
+
+
+def _polygons(value: Drawable) -> Polygons:
+    if isinstance(value, SurfaceMesh):
+        return value.points, value.triangles
+    if isinstance(value, VolumeMesh):
+        return value.points, _boundary(value)
+    from porous.stages import extract_surface  # the drawing process does without the kernels
+
+    surface = extract_surface(_thinned(value), method="voxel-faces")
+    return surface.points, surface.triangles
+
+
+def _boundary(mesh: VolumeMesh) -> NDArray[np.int64]:
+    """Faces that just one cell has, shape (f, 4); a triangle names its last point twice."""
+    faces = [
+        block.cells[:, (*face, *face[-1:])[:4]]
+        for block in mesh.blocks
+        for face in SHAPES[block.shape].faces
+    ]
+    every = np.concatenate(faces) if faces else np.zeros((0, 4), np.int64)
+    _, first, times = np.unique(
+        np.sort(every, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    alone: NDArray[np.int64] = every[first[times == 1]]
+    return alone
+
+
+def _thinned(grid: VoxelGrid) -> VoxelGrid:
+    """Return the grid in blocks of voxels where it is finer than a picture shows.
+
+    A block is as full as its fullest voxel: thin walls stay, and fine pores close.
+    """
+    step = -(-max(grid.frame.shape) // FINEST)
+    fill = grid.fill
+    for axis, count in enumerate(grid.frame.shape):
+        fill = np.maximum.reduceat(fill, range(0, count, step), axis=axis)
+    spacing = tuple(h * step for h in grid.frame.spacing)
+    frame = replace(grid.frame, spacing=spacing, shape=fill.shape)  # type: ignore[arg-type]
+    return VoxelGrid(frame, fill)
+
+
+def _render(scene: str, image: str | None) -> None:
+    """Draw a scene into a PNG file, or into a window where no file is named."""
+    import pyvista as pv
+
+    with np.load(scene) as arrays:
+        points, faces = arrays["points"], arrays["faces"]
+        size, edges = arrays["size"].tolist(), bool(arrays["edges"])
+    body = pv.PolyData.from_regular_faces(points, faces)
+    length = body.length
+    plotter: Any = pv.Plotter(off_screen=image is not None, window_size=size)
+    plotter.add_mesh(body, color=COLOUR, ambient=0.25, show_edges=edges, edge_color="#5c4a32")
+    plotter.set_background("white")
+    plotter.add_axes()
+    plotter.view_vector(FROM)
+    plotter.camera.zoom(1.05)
+    plotter.enable_ssao(radius=length / 8, bias=length / 1000, kernel_size=64)
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.show(screenshot=image or False, auto_close=True)
+
+
+if __name__ == "__main__":
+    _render(sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else None)
