@@ -14,6 +14,7 @@ import sys
 import time
 import traceback
 import warnings
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -73,7 +74,7 @@ def list_() -> None:
 
 @app.command
 def recipe(
-    name: Annotated[str | None, Parameter(help=Source.__metadata__[0].help)] = None,  # type: ignore[attr-defined]
+    name: Annotated[str | None, Parameter(help=Source.__metadata__[0].help)] = None,
     *,
     values: Values = (),
     voxels: Voxels = None,
@@ -140,17 +141,44 @@ def measure(
     from porous import workspace
 
     with _memory(max_memory), _Progress() as progress:
-        result, record = workspace.measure(
-            source,
-            set=_settings(values, voxels),
-            feature=feature,
-            folder=out,
-            progress=progress,
-        )
+        if _is_recipe(source):
+            result = _measured(_load(source, values, voxels), feature, progress)
+        else:
+            result = _examined(source, given=bool(values or voxels or feature))
+        if out is not None:
+            workspace.write_measures(result, out)
     if as_json:
-        print(json.dumps(record, indent=1, ensure_ascii=False))
+        print(workspace.rendered(workspace.record(result)), end="")
         return
     _print_result(result)
+
+
+def _is_recipe(source: str) -> bool:
+    """Tell whether a preset or a recipe is meant, and no file of another kind."""
+    from porous import presets
+
+    return source in presets.names() or Path(source).suffix in ("", presets.SUFFIX)
+
+
+def _measured(recipe: Recipe, feature: float | None, progress: _Progress) -> Result:
+    from porous import pipeline
+    from porous.measures import finest_printable_level
+    from porous.values import Measures
+
+    result = pipeline.run(recipe, only="measures", progress=progress)
+    if feature is None:
+        return result
+    level = finest_printable_level(result.model, feature=feature)
+    return replace(result, measures=result.measures + Measures((level,)))
+
+
+def _examined(path: str, *, given: bool) -> Result:
+    from porous.formats import read
+    from porous.pipeline import examine
+
+    if given:
+        raise RecipeError(f"{path}: --set, --voxels and --feature are for presets and recipes")
+    return examine(read(path))  # type: ignore[arg-type]
 
 
 @app.command
@@ -170,7 +198,7 @@ def show(source: Annotated[Path, Parameter(help="A grid, surface or mesh file.")
     from porous.formats import read
     from porous.view import show as show_value
 
-    show_value(read(source))
+    show_value(read(source))  # type: ignore[arg-type]
 
 
 @app.command
@@ -253,7 +281,7 @@ def _quiet_warnings() -> Iterator[None]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("default")
-        warnings.showwarning = say
+        warnings.showwarning = say  # type: ignore[assignment]
         yield
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -110,6 +110,19 @@ def run(recipe: Recipe, *, only: str | None = None, progress: Progress | None = 
     return work.result()
 
 
+def examine(value: VoxelGrid | SurfaceMesh | VolumeMesh) -> Result:
+    """Return the measures of a value that came from a file, as a result without a recipe."""
+    from porous.measures import measure
+
+    begin = time.perf_counter()
+    measures = measure(value)
+    made = Result(None, measures=measures, times={"measures": time.perf_counter() - begin})
+    return replace(made, **{_FIELDS[type(value).__name__]: value})  # type: ignore[arg-type]
+
+
+_FIELDS = {"VoxelGrid": "grid", "SurfaceMesh": "surface", "VolumeMesh": "volume"}
+
+
 def _wanted(only: str | None) -> tuple[str, ...]:
     if only is not None and only not in WANTED:
         raise RecipeError(f"--only: got {only!r}{nearest(only, WANTED)}")
@@ -198,7 +211,7 @@ class _Work:
         else:
             grid = self._solid_grid()
             mesh = self._timed("volume", lambda _: hexahedralize(grid))
-        self.volume = name_parts(mesh, self._body_box())
+        self.volume = name_parts(mesh, self.model.domain)
 
     def _volume_method(self) -> str:
         method = self.recipe.volume.method

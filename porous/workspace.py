@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import platform
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
     from porous.pipeline import Progress, Result
     from porous.recipe import Recipe
-    from porous.values import Measures
 
 LAST = "measures.json"
 """A folder that has this file is whole."""
@@ -72,28 +70,35 @@ def make(
         if only is None:
             _report(replace(result, recipe=local), stage / "report.html", progress)
         disk.write_bytes(stage / "log.json", _json(_log(result)))
-        record = measures_record(result.measures, recipe=local, text=text, result=result)
-        disk.write_bytes(stage / LAST, _json(record))
+        disk.write_bytes(stage / LAST, _json(record(replace(result, recipe=local))))
         disk.commit(stage, folder, last=LAST, stale=_stale(Path(folder), text))
     return result
 
 
-def measures_record(
-    measures: Measures,
-    *,
-    recipe: Recipe | None = None,
-    text: str = "",
-    result: Result | None = None,
-) -> dict[str, Any]:
-    """Return the content of ``measures.json``: provenance, measures, certificate."""
-    certificate = None if result is None else result.certificate
+def write_measures(result: Result, folder: str | Path) -> None:
+    """Put the report and the measures of a result into a folder, ``measures.json`` last.
+
+    Raises
+    ------
+    DiskError
+        Where the folder cannot be written to.
+    """
+    with disk.staging(folder) as stage:
+        _report(result, stage / "report.html", None)
+        disk.write_bytes(stage / LAST, _json(record(result)))
+        disk.commit(stage, folder, last=LAST, stale=KNOWN)
+
+
+def record(result: Result) -> dict[str, Any]:
+    """Return the content of ``measures.json``: provenance, measures, certificate, notes."""
+    recipe, certificate = result.recipe, result.certificate
     return {
         "recipe": recipe.model_dump(mode="json", exclude_none=True) if recipe else None,
-        "recipe_sha256": hashlib.sha256(text.encode()).hexdigest() if recipe else None,
+        "recipe_sha256": recipe.sha256 if recipe else None,
         "version": version("porous"),
-        "measures": [_row(measure) for measure in measures],
+        "measures": [_row(measure) for measure in result.measures],
         "certificate": [_row(row) for row in certificate.rows] if certificate else [],
-        "notes": list(result.notes) if result else [],
+        "notes": list(result.notes),
     }
 
 
@@ -108,7 +113,7 @@ def _row(value: Any) -> dict[str, Any]:
 
 def _localised(recipe: Recipe, stage: Path) -> tuple[Recipe, str]:
     """Copy the files that a recipe reads beside it; return the recipe that means the copies."""
-    names = {}
+    names: dict[str, Path] = {}
     for key, path in files(recipe).items():
         names[key] = Path(f"{key.rpartition('.')[2]}{path.suffix}")
         disk.write_bytes(stage / names[key], path.read_bytes())
@@ -156,8 +161,13 @@ def _versions(packages: Iterable[str]) -> dict[str, str]:
     return {package: version(package) for package in packages}
 
 
+def rendered(record: dict[str, Any]) -> str:
+    """Return a record as JSON text, the same for the same record."""
+    return json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
 def _json(record: dict[str, Any]) -> bytes:
-    return (json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    return rendered(record).encode()
 
 
 def _stale(folder: Path, text: str) -> tuple[str, ...]:
