@@ -121,20 +121,13 @@ def _count(bits, counts_of_case, counts, first, last):
 
 
 @kernel
-def _at(fill, i, j, k):
-    """Return the fill of padded voxel (i, j, k) as a float."""
-    inside = (0 < i <= fill.shape[0]) and (0 < j <= fill.shape[1]) and (0 < k <= fill.shape[2])
-    return float(fill[i - 1, j - 1, k - 1]) if inside else 0.0
-
-
-@kernel
 def _vertices(fill, bits, base, place, points, first, last):
     """Write the points of each row: place holds origin, spacing and the first voxel's index."""
-    rows = base.shape[1] - 1
+    nx, ny, nz = fill.shape
     words = bits.shape[2]
     one = uint64(1)
     for i in range(first, last):
-        for j in range(rows):
+        for j in range(ny + 1):
             a, b, c = bits[i, j], bits[i, j + 1], bits[i + 1, j]
             x, y, z = base[i, j, 0], base[i, j, 1], base[i, j, 2]
             px = place[0] + (place[6] + (i - 0.5)) * place[3]
@@ -150,22 +143,25 @@ def _vertices(fill, bits, base, place, points, first, last):
                     bit = _lowest_bit(cut)
                     cut &= cut - one
                     k = 64 * w + int(bit)
-                    here = _at(fill, i, j, k)
+                    here = float(fill[i - 1, j - 1, k - 1]) if i and j and k else 0.0
                     pz = place[2] + (place[8] + (k - 0.5)) * place[5]
                     if (cut_x >> bit) & one:
-                        t = (LEVEL - here) / (_at(fill, i + 1, j, k) - here)
+                        there = float(fill[i, j - 1, k - 1]) if i < nx and j and k else 0.0
+                        t = (LEVEL - here) / (there - here)
                         points[x, 0] = place[0] + (place[6] + (i - 0.5 + t)) * place[3]
                         points[x, 1] = py
                         points[x, 2] = pz
                         x += 1
                     if (cut_y >> bit) & one:
-                        t = (LEVEL - here) / (_at(fill, i, j + 1, k) - here)
+                        there = float(fill[i - 1, j, k - 1]) if i and j < ny and k else 0.0
+                        t = (LEVEL - here) / (there - here)
                         points[y, 0] = px
                         points[y, 1] = place[1] + (place[7] + (j - 0.5 + t)) * place[4]
                         points[y, 2] = pz
                         y += 1
                     if (cut_z >> bit) & one:
-                        t = (LEVEL - here) / (_at(fill, i, j, k + 1) - here)
+                        there = float(fill[i - 1, j - 1, k]) if i and j and k < nz else 0.0
+                        t = (LEVEL - here) / (there - here)
                         points[z, 0] = px
                         points[z, 1] = py
                         points[z, 2] = place[2] + (place[8] + (k - 0.5 + t)) * place[5]
@@ -173,39 +169,9 @@ def _vertices(fill, bits, base, place, points, first, last):
 
 
 @kernel
-def _cap(fill, i, j, k, edges, t):
-    """Return the number of the frame's face that triangle t of a border cube lies on, or 0.
-
-    Its vertices lie on the frame's face just where all three stand on grid edges that leave the
-    frame across that face from a voxel that is wholly solid.
-    """
-    axis = edges[3 * t] >> 2
-    at = i if axis == 0 else (j if axis == 1 else k)
-    if at != 0 and at != fill.shape[axis]:
-        return 0
-    inner = 1 if at == 0 else 0
-    for edge in (edges[3 * t], edges[3 * t + 1], edges[3 * t + 2]):
-        if edge >> 2 != axis:
-            return 0
-        u, v = (edge >> 1) & 1, edge & 1
-        if axis == 0:
-            value = _at(fill, i + inner, j + u, k + v)
-        elif axis == 1:
-            value = _at(fill, i + u, j + inner, k + v)
-        else:
-            value = _at(fill, i + u, j + v, k + inner)
-        if value != 255.0:
-            return 0
-    return 1 + 2 * axis + (0 if at == 0 else 1)
-
-
-@kernel
-def _triangles(
-    fill, bits, base, offset, table, counts_of_case, ids, triangles, labels, first, last
-):
+def _triangles(bits, base, offset, table, counts_of_case, ids, triangles, first, last):
     """Write the triangles of each row of cubes; ``ids`` is scratch for the twelve edges."""
-    nx, ny, nz = fill.shape
-    rows = offset.shape[1]
+    rows = offset.shape[1] - 1
     words = bits.shape[2]
     one = uint64(1)
     for i in range(first, last):
@@ -217,7 +183,7 @@ def _triangles(
             y0, y1 = base[i, j, 1], base[i + 1, j, 1]
             z0, z1 = base[i, j, 2], base[i, j + 1, 2]
             z2, z3 = base[i + 1, j, 2], base[i + 1, j + 1, 2]
-            n = offset[i, j]
+            n = uint64(offset[i, j])
             for w in range(words):
                 a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
                 a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
@@ -263,11 +229,34 @@ def _triangles(
                         triangles[n, 0] = ids[edges[3 * t]]
                         triangles[n, 1] = ids[edges[3 * t + 1]]
                         triangles[n, 2] = ids[edges[3 * t + 2]]
-                        n += 1
-                    depth = 64 * w + int(k)
-                    if i == 0 or i == nx or j == 0 or j == ny or depth == 0 or depth == nz:
-                        for t in range(count):
-                            labels[n - count + t] = _cap(fill, i, j, depth, edges, t)
+                        n += one
+
+
+@kernel
+def _caps(points, triangles, offset, planes, labels, first, last):
+    """Label the triangles that lie on the faces of the frame, whose places are ``planes``.
+
+    Only cubes at the border give such: all of the first and last rows, and the first and the
+    last cube, of six triangles at most, of every other row; there only across z.
+    """
+    nx, ny = offset.shape[0] - 1, offset.shape[1] - 2
+    for i in range(first, last):
+        for j in range(ny + 1):
+            start, stop = offset[i, j], offset[i, j + 1]
+            border = i == 0 or i == nx or j == 0 or j == ny
+            skipped = 0 if border else max(stop - start - 12, 0)
+            first_face = 0 if border else 4
+            for n in range(start, stop - skipped):
+                t = n if n < start + 6 else n + skipped
+                a = triangles[t, 0]
+                for face in range(first_face, 6):
+                    axis, plane = face >> 1, planes[face]
+                    if (
+                        points[a, axis] == plane
+                        and points[triangles[t, 1], axis] == plane
+                        and points[triangles[t, 2], axis] == plane
+                    ):
+                        labels[t] = face + 1
 
 
 def marching_cubes(
@@ -301,42 +290,53 @@ def marching_cubes(
     """
     fill = source(fill, np.uint8)
     nx, ny, nz = fill.shape
-    planes = max(1, _VOXELS_PER_SLAB // ((ny + 1) * (nz + 1)))
+    size = max(1, _VOXELS_PER_SLAB // ((ny + 1) * (nz + 1)))
     report = _thirds(progress)
-    counts_of_case, table = source(COUNTS, np.int8), source(TRIANGLES, np.int8)
+    counts_of_case, table = source(COUNTS, np.uint8), source(TRIANGLES, np.uint8)
 
     bits = np.zeros((nx + 2, ny + 2, (nz + 2 + 63) // 64), dtype=np.uint64)
-    slabs(nx, planes, lambda a, b: _pack(fill, bits, a, b), report(0))
+    slabs(nx, size, lambda a, b: _pack(fill, bits, a, b), report(0))
 
     counts = np.empty((nx + 1, ny + 1, 4), dtype=np.int64)
-    slabs(nx + 1, planes, lambda a, b: _count(bits, counts_of_case, counts, a, b), report(1))
+    slabs(nx + 1, size, lambda a, b: _count(bits, counts_of_case, counts, a, b), report(1))
     base, offset, vertices, faces = _offsets(counts)
 
     needed = vertices * 24 + faces * 26
     check_memory(needed, f"A surface of {faces} triangles", "Use fewer voxels or a lower level.")
     points = np.empty((vertices, 3), dtype=np.float64)
     triangles = np.empty((faces, 3), dtype=np.int64)
-    labels = np.zeros(faces, dtype=np.int16)
     place = np.array([*origin, *spacing, *start], dtype=np.float64)
 
     def emit(a, b):
         ids = np.empty(12, dtype=np.int64)
         _vertices(fill, bits, base, place, points, a, b)
-        _triangles(fill, bits, base, offset, table, counts_of_case, ids, triangles, labels, a, b)
+        _triangles(bits, base, offset, table, counts_of_case, ids, triangles, a, b)
 
-    slabs(nx + 1, planes, emit, report(2))
+    slabs(nx + 1, size, emit, report(2))
+
+    labels = np.zeros(faces, dtype=np.int16)
+    planes = np.array(
+        [origin[a] + (start[a] + end) * spacing[a] for a in range(3) for end in (0, fill.shape[a])]
+    )
+    slabs(nx + 1, size, lambda a, b: _caps(points, triangles, offset, planes, labels, a, b))
     return points, triangles, labels
 
 
 def _offsets(counts):
-    """Return where each row's vertices (along x, y, z) and triangles begin, and how many."""
-    rows = counts.shape[:2]
-    base = np.zeros((rows[0] + 1, rows[1] + 1, 3), dtype=np.int64)
+    """Return where each row's vertices (along x, y, z) and triangles begin, and how many.
+
+    Triangles of row (i, j) end where ``offset[i, j + 1]`` says.
+    """
+    rows, columns = counts.shape[:2]
+    base = np.zeros((rows + 1, columns + 1, 3), dtype=np.int64)
     ends = np.cumsum(counts[..., :3].ravel())
-    base[:-1, :-1] = (ends - counts[..., :3].ravel()).reshape(*rows, 3)
-    triangles = np.cumsum(counts[..., 3].ravel())
-    offset = (triangles - counts[..., 3].ravel()).reshape(rows)
-    return base, offset, int(ends[-1]), int(triangles[-1])
+    base[:-1, :-1] = (ends - counts[..., :3].ravel()).reshape(rows, columns, 3)
+    triangles = np.cumsum(counts[..., 3].ravel()).reshape(rows, columns)
+    offset = np.empty((rows, columns + 1), dtype=np.int64)
+    offset[:, 1:] = triangles
+    offset[1:, 0] = triangles[:-1, -1]
+    offset[0, 0] = 0
+    return base, offset, int(ends[-1]), int(triangles[-1, -1])
 
 
 def _thirds(progress):

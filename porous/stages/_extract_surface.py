@@ -70,9 +70,10 @@ def extract_surface(
     """
     if method not in METHODS:
         raise MeshError(f"surface method: got {method!r}; wanted one of {', '.join(METHODS)}")
-    if not (grid.fill >= 128).any():
+    fullest = int(grid.fill.max())
+    if fullest < 128:
         raise MeshError(
-            f"surface: no voxel is at least half solid (the fullest is {grid.fill.max() / 255:.0%} "
+            f"surface: no voxel is at least half solid (the fullest is {fullest / 2.55:.0f} % "
             "solid). Use more voxels, sampling = 'cover', or an offset"
         )
     points, triangles, labels = METHODS[method](grid, progress)
