@@ -1,0 +1,156 @@
+"""How a guest program is run: in its own folder and process group, watched, killed as a group."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from porous.errors import GuestError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    Watch = Callable[[float], None]
+
+STEP = 0.05
+"""Seconds between two looks at a guest."""
+
+LINES = 5
+"""How many of a guest's last lines an error tells."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a guest said: its output and its errors, as text."""
+
+    output: str
+    errors: str
+
+
+@contextlib.contextmanager
+def workplace() -> Iterator[Path]:
+    """Yield a temporary folder that is gone afterwards.
+
+    Raises
+    ------
+    GuestError
+        Where the temporary folder cannot be made or written to.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix="porous-", ignore_cleanup_errors=True) as name:
+            yield Path(name)
+    except OSError as error:
+        raise GuestError(f"the temporary folder of a guest failed: {error}") from None
+
+
+def run(
+    command: Sequence[str],
+    *,
+    name: str,
+    folder: Path,
+    time_limit: float,
+    watch: Watch | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Finished:
+    """Run a program to its end and return what it said.
+
+    Parameters
+    ----------
+    command
+        Program and arguments; no shell is involved.
+    name
+        What messages call it.
+    folder
+        Where it runs and where its output is kept.
+    time_limit
+        In seconds.
+    watch
+        Called every few hundredths of a second with the seconds gone by; raising in it ends the
+        guest.
+    environment
+        Variables to set besides those of this process.
+
+    Raises
+    ------
+    GuestError
+        Where the program is absent, ends with a code other than zero or by a signal, or takes
+        longer than ``time_limit``. Whatever ends this call ends the guest and all its children.
+    """
+    out, err = folder / "guest.out", folder / "guest.err"
+    with out.open("wb") as output, err.open("wb") as errors:
+        process = _start(command, name, folder, (output, errors), environment)
+        try:
+            code = _wait(process, name, time_limit, watch)
+        finally:
+            _kill_group(process)
+    said = Finished(*(path.read_text(errors="replace") for path in (out, err)))
+    if code:
+        raise GuestError(f"{name} {_end(code)}{_last_lines(said)}")
+    return said
+
+
+def _start(
+    command: Sequence[str],
+    name: str,
+    folder: Path,
+    streams: tuple[IO[bytes], IO[bytes]],
+    environment: Mapping[str, str] | None,
+) -> subprocess.Popen[bytes]:
+    try:
+        return subprocess.Popen(
+            list(command),
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=streams[0],
+            stderr=streams[1],
+            env={**os.environ, **(environment or {})},
+            start_new_session=True,
+        )
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise GuestError(f"{name} cannot be started: {command[0]}: {reason}") from None
+
+
+def _wait(
+    process: subprocess.Popen[bytes], name: str, time_limit: float, watch: Watch | None
+) -> int:
+    start = time.monotonic()
+    while True:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return process.wait(STEP)
+        gone = time.monotonic() - start
+        if gone > time_limit:
+            raise GuestError(
+                f"{name} was stopped after its time limit of {time_limit:g} s; "
+                "give it a simpler input or a longer time_limit"
+            )
+        if watch is not None:
+            watch(gone)
+
+
+def _kill_group(process: subprocess.Popen[bytes]) -> None:
+    # Also after a regular end: a guest may have left children behind.
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _end(code: int) -> str:
+    if code > 0:
+        return f"failed with exit code {code}"
+    try:
+        return f"was ended by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"was ended by signal {-code}"
+
+
+def _last_lines(said: Finished) -> str:
+    lines = [line.strip() for line in (said.errors or said.output).splitlines() if line.strip()]
+    return "".join(f"\n    {line}" for line in lines[-LINES:])

@@ -1,0 +1,41 @@
+"""The process in which pytetwild works: ``python -m porous.guests.tetwild_worker IN.npz OUT.npz``.
+
+A file of its own, started afresh: pytetwild may die by a signal, hangs in a forked child, and
+writes files into the current folder.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import signal
+import sys
+from typing import Any
+
+import numpy as np
+
+
+def main(source: str, target: str) -> None:
+    """Mesh the surface in ``source`` and write ``points`` and ``tets`` to ``target``."""
+    with np.load(source, allow_pickle=False) as given:
+        points, triangles = given["points"], given["triangles"]
+        options = {
+            key: float(given[key])
+            for key in ("edge_length_abs", "epsilon", "stop_energy")
+            if key in given
+        }
+        # Should nobody be left to end this process, the kernel does.
+        signal.alarm(math.ceil(float(given["time_limit"])) + 10)
+    engine: Any = importlib.import_module("pytetwild")
+    nodes, tets = engine.tetrahedralize(
+        np.array(points, dtype=np.float64),
+        np.array(triangles, dtype=np.int32),
+        vtk_ordering=True,
+        quiet=True,
+        **options,
+    )
+    np.savez(target, points=np.asarray(nodes, np.float64), tets=np.asarray(tets, np.int64))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
