@@ -7,13 +7,12 @@ first ask of ``need`` (raw bytes), ``inflate`` (compressed bytes), ``numbers`` (
 
 from __future__ import annotations
 
-import contextlib
+import io
 import os
 import stat
 import warnings
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -24,6 +23,8 @@ from porous.errors import FormatError, FormatWarning
 from porous.memory import check_memory
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
 HEADER = 64 * 1024
@@ -57,7 +58,7 @@ def open_source(path: str | Path) -> Source:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError) as error:
         raise FormatError(f"cannot be opened: {_reason(error)}") from None
-    with open(handle, "rb", buffering=0) as stream:
+    with io.FileIO(handle) as stream:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
             raise FormatError("is not a regular file")
@@ -127,10 +128,12 @@ def whole(values: NDArray[np.float64], what: str) -> NDArray[np.int64]:
 
 def integer(text: str | bytes | None, what: str) -> int:
     """Return the whole number that a text holds."""
-    with contextlib.suppress(ValueError):
+    try:
         if text is not None and len(text) <= TOKEN:
             return int(text)
-    refuse(what, text, "a whole number")
+    except ValueError:
+        pass
+    return refuse(what, text, "a whole number")
 
 
 def markup(text: bytes) -> Element:

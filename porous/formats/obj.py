@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 from array import array
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,7 +57,7 @@ class _Draft:
         if self.part < 0:
             self.group([b"WALL"])
         corners = [self._index(word) for word in words]
-        for b, c in zip(corners[1:], corners[2:], strict=False):
+        for b, c in pairwise(corners[1:]):
             self.triangles.extend((corners[0], b, c))
             self.labels.append(self.part)
 

@@ -28,11 +28,17 @@ if TYPE_CHECKING:
 
     from porous.formats.gate import Source
 
-TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
-    **{"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"},
+NAMES = {
+    "i1": ("char", "int8"),
+    "u1": ("uchar", "uint8"),
+    "i2": ("short", "int16"),
+    "u2": ("ushort", "uint16"),
+    "i4": ("int", "int32"),
+    "u4": ("uint", "uint32"),
+    "f4": ("float", "float32"),
+    "f8": ("double", "float64"),
 }
+TYPES = {name: form for form, names in NAMES.items() for name in names}
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 CORNERS = ("vertex_indices", "vertex_index")
 FACE = np.dtype([("n", "u1"), ("corners", "<i4", 3), ("label", "<i2")])
@@ -66,11 +72,7 @@ class _Table:
 def read(source: Source) -> SurfaceMesh:
     """Read points and faces; refuse what the header promises and the bytes do not hold."""
     order, elements, comments, start = _header(source.data)
-    stream: _Binary | _Text
-    if order:
-        stream = _Binary(source.data, start, order)
-    else:
-        stream = _Text(source.data[start:])
+    stream = _Binary(source.data, start, order) if order else _Text(source.data[start:])
     tables = {element.name: stream.table(element) for element in elements}
     if stream.left:
         source.note(f"{stream.left} follow the last element; they are left out")

@@ -1,0 +1,221 @@
+"""NPZ: numpy's zip of arrays; what scripts exchange.
+
+``fill`` (uint8, axes x, y, z) and ``spacing`` (three lengths) must be there; ``origin`` and ``unit``
+have defaults; ``bulk``, ``sampling``, ``hausdorff``, ``periodic`` and ``start`` stand where they say
+more than the defaults. ``numpy.load`` reads it. The same grid gives the same bytes. Pickles are
+never read.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import struct
+import zipfile
+import zlib
+from contextlib import contextmanager
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from porous.errors import FormatError
+from porous.formats._registry import Format
+from porous.formats.gate import RATIO, need, refuse
+from porous.memory import check_memory
+from porous.values import Frame, VoxelGrid
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from zipfile import ZipFile, ZipInfo
+
+    from numpy.typing import NDArray
+
+    from porous.formats.gate import Source
+
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The date that every member bears: the same grid gives the same bytes."""
+STEP = 1 << 20
+DIRECTORY = 64 * 1024
+"""The longest table of contents that is read, in bytes."""
+METHODS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: RATIO}
+"""How many bytes one byte of a member may become."""
+MAGIC = b"\x93NUMPY"
+HEAD = 4096
+DESCRIPTION = re.compile(
+    r"\{'descr': '([<>|=]?(?:b1|[iu][1248]|f[248]|U[1-9][0-9]{0,3}))', "
+    r"'fortran_order': (True|False), "
+    r"'shape': \(((?:[0-9]{1,18}, ?)*(?:[0-9]{1,18})?)\),? ?\}\s*"
+)
+
+
+def read(source: Source) -> VoxelGrid:
+    """Read a grid of voxels."""
+    _check_directory(source.data)
+    with _damage("the archive"), zipfile.ZipFile(io.BytesIO(source.data)) as archive:
+        return _grid(_Arrays(archive))
+
+
+def write(grid: VoxelGrid) -> Iterator[bytes]:
+    """Write a grid of voxels, compressed."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in _arrays(grid).items():
+            info = zipfile.ZipInfo(f"{name}.npy", EPOCH)
+            info.compress_type, info.create_system = zipfile.ZIP_DEFLATED, 3
+            with archive.open(info, "w", force_zip64=array.nbytes >= 2**31) as member:
+                np.lib.format.write_array(member, array, version=(1, 0), allow_pickle=False)
+    yield stream.getvalue()
+
+
+def _arrays(grid: VoxelGrid) -> dict[str, NDArray[Any]]:
+    frame = grid.frame
+    more: dict[str, Any] = {
+        "bulk": grid.bulk,
+        "hausdorff": None if grid.hausdorff is None else np.float64(grid.hausdorff),
+        "periodic": np.array(frame.periodic) if any(frame.periodic) else None,
+        "start": np.array(frame.start, dtype=np.int64) if any(frame.start) else None,
+    }
+    return {
+        "fill": grid.fill,
+        "spacing": np.array(frame.spacing),
+        "origin": np.array(frame.origin),
+        "unit": np.array(frame.unit),
+        "sampling": np.array(grid.sampling),
+        **{name: np.asarray(value) for name, value in more.items() if value is not None},
+    }
+
+
+def _grid(arrays: _Arrays) -> VoxelGrid:
+    if missing := [name for name in ("fill", "spacing") if name not in arrays.members]:
+        got = ", ".join(arrays.members) or "none"
+        refuse("arrays", got, f"{' and '.join(missing)}, as in np.savez(…, fill=…, spacing=…)")
+    fill, bulk = arrays.voxels("fill"), arrays.voxels("bulk")
+    assert fill is not None
+    frame = Frame(
+        arrays.three("origin", (0.0, 0.0, 0.0)),
+        arrays.three("spacing", (1.0, 1.0, 1.0)),
+        fill.shape,  # type: ignore[arg-type]
+        arrays.three("periodic", (False, False, False)),
+        arrays.word("unit", "mm"),
+        arrays.three("start", (0, 0, 0)),
+    )
+    binary = not ((fill > 0) & (fill < 255)).any()
+    sampling = arrays.word("sampling", "centre" if binary else "fill")
+    return VoxelGrid(frame, fill, bulk, sampling, arrays.distance("hausdorff"))
+
+
+class _Arrays:
+    """The arrays of an archive by name, read when they are asked for."""
+
+    def __init__(self, archive: ZipFile) -> None:
+        infos = archive.infolist()
+        self.archive = archive
+        self.members = {info.filename.removesuffix(".npy"): info for info in infos}
+        if len(self.members) < len(infos):
+            refuse("members", ", ".join(info.filename for info in infos), "each name once")
+
+    def voxels(self, name: str) -> NDArray[np.uint8] | None:
+        if name not in self.members:
+            return None
+        values = self._read(name)
+        if values.ndim != 3:
+            refuse(f"shape of {name}", values.shape, "three axes")
+        return values * np.uint8(255) if values.dtype == bool else values
+
+    def three(self, name: str, default: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+        if name not in self.members:
+            return default
+        values = self._read(name)
+        if values.shape != (3,) or values.dtype.kind == "U":
+            refuse(name, f"{values.dtype} of shape {values.shape}", "three numbers")
+        x, y, z = values.tolist()
+        return x, y, z
+
+    def word(self, name: str, default: str) -> str:
+        if name not in self.members:
+            return default
+        values = self._read(name)
+        if values.shape != () or values.dtype.kind != "U":
+            refuse(name, f"{values.dtype} of shape {values.shape}", "one text")
+        return str(values)
+
+    def distance(self, name: str) -> float | None:
+        if name not in self.members:
+            return None
+        values = self._read(name)
+        if values.shape != () or values.dtype.kind == "U":
+            refuse(name, f"{values.dtype} of shape {values.shape}", "one number")
+        return float(values)
+
+    def _read(self, name: str) -> NDArray[Any]:
+        info = self.members[name]
+        if info.compress_type not in METHODS:
+            refuse(f"compression of {name}", info.compress_type, "stored (0) or deflated (8)")
+        need(info.file_size, METHODS[info.compress_type] * info.compress_size, name)
+        with _damage(name), self.archive.open(info) as member:
+            form, turned, shape, left = _described(member, info, name)
+            count = math.prod(shape)
+            if count * form.itemsize != left:
+                wanted = f"{count * form.itemsize}, as its header says"
+                refuse(f"bytes of {name}", left, wanted)
+            check_memory(2 * left, f"the array {name}", "Cut it into parts.")
+            values = np.frombuffer(_taken(member, left, name), form)
+        values = values.astype(form.newbyteorder("="), copy=False)
+        return values.reshape(shape, order="F" if turned else "C")
+
+
+def _described(
+    member: IO[bytes], info: ZipInfo, name: str
+) -> tuple[np.dtype[Any], bool, tuple[int, ...], int]:
+    """Return dtype, Fortran order, shape, and how many bytes follow the header of an array."""
+    head = member.read(8)
+    width = 2 if head[6:7] == b"\1" else 4
+    if len(head) < 8 or not head.startswith(MAGIC) or head[6] not in (1, 2, 3):
+        refuse(f"first bytes of {name}", head, "those of an .npy file, version 1 to 3")
+    length = int.from_bytes(member.read(width), "little")
+    need(length, min(HEAD, info.file_size), f"the header of {name}")
+    text = member.read(length).decode("latin-1")
+    match = DESCRIPTION.fullmatch(text)
+    if match is None:
+        refuse(f"header of {name}", text.strip(), "an array of plain numbers or texts")
+    shape = tuple(int(word) for word in match[3].split(",") if word.strip())
+    return np.dtype(match[1]), match[2] == "True", shape, info.file_size - 8 - width - length
+
+
+def _taken(member: IO[bytes], size: int, name: str) -> bytearray:
+    result = bytearray(size)
+    view, done = memoryview(result), 0
+    while piece := member.read(STEP):  # the read that gives nothing checks the sum of the member
+        if done + len(piece) > size:
+            break
+        view[done : done + len(piece)] = piece
+        done += len(piece)
+    if done != size:
+        refuse(f"bytes of {name}", done, f"{size}")
+    return result
+
+
+@contextmanager
+def _damage(what: str) -> Iterator[None]:
+    """Say in our words what ``zipfile`` raises at files that are not as they should be."""
+    try:
+        yield
+    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError) as error:
+        raise FormatError(f"{what} is damaged ({error})") from None
+    except (NotImplementedError, RuntimeError) as error:
+        raise FormatError(f"{what} is encrypted or of a kind that is not read ({error})") from None
+
+
+def _check_directory(data: bytes) -> None:
+    """Refuse a table of contents so long that ``zipfile`` would swell on reading it."""
+    place = data.rfind(b"PK\x05\x06", -DIRECTORY - 22)
+    if place < 0:
+        raise FormatError("no table of contents at its end; wanted a zip archive, all of it")
+    size = int.from_bytes(data[place + 12 : place + 16], "little")
+    if size == 2**32 - 1:  # the record of larger archives stands 76 bytes before
+        size = int.from_bytes(data[max(place - 36, 0) : max(place - 28, 0)], "little")
+    need(size, DIRECTORY, "the table of contents")
+
+
+FORMAT = Format("NumPy archive", (".npz",), VoxelGrid, read, (VoxelGrid,), write)

@@ -1,0 +1,135 @@
+"""VTI: voxels on a lattice, as VTK and ParaView take them.
+
+The fill is the cell array ``fill`` (UInt8, x fastest), the body that porosity refers to ``bulk``;
+sampling, Hausdorff bound, periodic axes and unit are field data, so what is written reads back
+equal, and the same grid gives the same bytes. In files of others the one UInt8 cell array is taken;
+one that holds nothing but 0 and 1 is a mask, and 1 is solid.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree.ElementTree import SubElement
+
+import numpy as np
+
+from porous.errors import FormatError
+from porous.formats._registry import Format
+from porous.formats._vtk import Document, Writer, child, named, vector, word
+from porous.formats.gate import refuse, whole
+from porous.memory import check_memory
+from porous.values import Frame, VoxelGrid
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from xml.etree.ElementTree import Element
+
+    from numpy.typing import NDArray
+
+    from porous.formats.gate import Source
+
+KIND = "ImageData"
+MOST = 2**31 - 1
+IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+OURS = "fill"
+
+
+def read(source: Source) -> VoxelGrid:
+    """Read a grid of voxels from one piece of image data with a UInt8 cell array."""
+    document = Document(source.data, KIND)
+    image = child(document.root, KIND)
+    fields = named(image.find("FieldData"))
+    frame = _frame(document, image, fields)
+    shape = " × ".join(map(str, frame.shape))
+    check_memory(4 * frame.size, f"a grid of {shape} voxels", "Cut it into parts.")
+    arrays = named(child(image, "Piece").find("CellData"))
+    name = _chosen(arrays)
+    fill = _voxels(document, arrays[name], frame)
+    if name != OURS and fill.max() <= 1:
+        fill = fill * np.uint8(255)
+    bulk = _voxels(document, arrays["bulk"], frame) if {OURS, "bulk"} <= set(arrays) else None
+    return VoxelGrid(frame, fill, bulk, _sampling(document, fields, fill), _bound(document, fields))
+
+
+def write(grid: VoxelGrid) -> Iterator[bytes]:
+    """Write a grid of voxels as cell data, compressed."""
+    frame = grid.frame
+    writer = Writer(KIND)
+    ends = [str(v) for a, n in zip(frame.start, frame.shape, strict=True) for v in (a, a + n)]
+    extent = " ".join(ends)
+    image = SubElement(writer.root, KIND, {"WholeExtent": extent})
+    image.set("Origin", _spell(frame.origin))
+    image.set("Spacing", _spell(frame.spacing))
+    fields = SubElement(image, "FieldData")
+    writer.strings(fields, "unit", [frame.unit])
+    writer.strings(fields, "sampling", [grid.sampling])
+    writer.field(fields, "periodic", np.array(frame.periodic, dtype=np.uint8))
+    if grid.hausdorff is not None:
+        writer.field(fields, "hausdorff", np.array([grid.hausdorff], dtype=np.float64))
+    cells = SubElement(SubElement(image, "Piece", {"Extent": extent}), "CellData", Scalars=OURS)
+    writer.array(cells, OURS, grid.fill.transpose(2, 1, 0).reshape(-1))
+    if grid.bulk is not None:
+        writer.array(cells, "bulk", grid.bulk.transpose(2, 1, 0).reshape(-1))
+    return writer.chunks()
+
+
+def _spell(values: tuple[float, ...]) -> str:
+    return " ".join(map(repr, values))
+
+
+def _frame(document: Document, image: Element, fields: dict[str, Element]) -> Frame:
+    if vector(image, "Direction", 9, " ".join(map(str, IDENTITY))) != IDENTITY:
+        refuse("Direction", image.get("Direction"), "axes that are not turned")
+    extent = whole(np.array(vector(image, "WholeExtent", 6)), "WholeExtent")
+    if (extent[::2] >= extent[1::2]).any() or np.abs(extent).max() > MOST:
+        refuse("WholeExtent", image.get("WholeExtent"), "x0 x1 y0 y1 z0 z1 with x0 < x1, …")
+    if vector(child(image, "Piece"), "Extent", 6) != extent.tolist():
+        raise FormatError("the piece does not fill WholeExtent; wanted one piece of all voxels")
+    return Frame(
+        vector(image, "Origin", 3, "0 0 0"),  # type: ignore[arg-type]
+        vector(image, "Spacing", 3, "1 1 1"),  # type: ignore[arg-type]
+        (extent[1::2] - extent[::2]).tolist(),
+        _periodic(document, fields),
+        word(document, fields, "unit", "mm"),
+        extent[::2].tolist(),
+    )
+
+
+def _periodic(document: Document, fields: dict[str, Element]) -> tuple[bool, bool, bool]:
+    if "periodic" not in fields:
+        return False, False, False
+    x, y, z = document.array(fields["periodic"], 3, "periodic").tolist()
+    return bool(x), bool(y), bool(z)
+
+
+def _bound(document: Document, fields: dict[str, Element]) -> float | None:
+    if "hausdorff" not in fields:
+        return None
+    return float(document.array(fields["hausdorff"], 1, "hausdorff")[0])
+
+
+def _sampling(document: Document, fields: dict[str, Element], fill: NDArray[np.uint8]) -> str:
+    binary = not ((fill > 0) & (fill < 255)).any()
+    return word(document, fields, "sampling", "centre" if binary else "fill")
+
+
+def _chosen(arrays: dict[str, Element]) -> str:
+    good = [name for name, element in arrays.items() if element.get("type") == "UInt8"]
+    if OURS in good:
+        return OURS
+    if len(good) != 1:
+        got = ", ".join(f"{name} ({e.get('type')})" for name, e in arrays.items()) or "none"
+        refuse("cell arrays", got, f"one of type UInt8, or one of them named {OURS!r}")
+    return good[0]
+
+
+def _voxels(document: Document, element: Element, frame: Frame) -> NDArray[np.uint8]:
+    if element.get("NumberOfComponents", "1") != "1":
+        refuse("NumberOfComponents", element.get("NumberOfComponents"), "1")
+    if element.get("type") != "UInt8":
+        refuse(f"type of {element.get('Name')}", element.get("type"), "UInt8")
+    values = document.array(element, frame.size, str(element.get("Name")))
+    return values.reshape(frame.shape[::-1]).transpose(2, 1, 0)
+
+
+FORMAT = Format("VTK image data", (".vti",), VoxelGrid, read, (VoxelGrid,), write)

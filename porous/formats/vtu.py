@@ -1,0 +1,167 @@
+"""VTU: volume elements of several shapes with tags and parts, as VTK and ParaView take them.
+
+Tags are Int64 cell arrays. Parts are field data: ``nodes:XMIN`` holds the numbers of points,
+``cells:SOLID`` those of cells, ``faces:XMIN_FACES`` pairs of cell and local face. The blocks (their
+shapes and how many cells each has) are field data too, so what is written reads back equal. In
+files of others the cells are sorted by shape, and whole-numbered cell arrays become tags.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree.ElementTree import SubElement
+
+import numpy as np
+
+from porous.errors import FormatError
+from porous.formats._registry import Format
+from porous.formats._vtk import Document, Writer, child, named, word
+from porous.formats.gate import integer, need, refuse
+from porous.values import SHAPES, Block, Part, VolumeMesh
+from porous.values.volume_mesh import PART_KINDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from xml.etree.ElementTree import Element
+
+    from numpy.typing import NDArray
+
+    from porous.formats.gate import Source
+
+KIND = "UnstructuredGrid"
+SHAPE_OF = {shape.vtk: name for name, shape in SHAPES.items()}
+
+
+def read(source: Source) -> VolumeMesh:
+    """Read a volume mesh from one piece of an unstructured grid."""
+    document = Document(source.data, KIND)
+    grid = child(document.root, KIND)
+    piece, fields = child(grid, "Piece"), named(grid.find("FieldData"))
+    count = integer(piece.get("NumberOfCells"), "NumberOfCells")
+    types, starts, nodes = _cells(document, named(child(piece, "Cells")), count)
+    runs = _runs(document, fields, types)
+    order = np.concatenate([cells for _, cells in runs]) if runs else np.arange(0)
+    return VolumeMesh(
+        _points(document, piece),
+        tuple(_block(shape, nodes, starts[cells]) for shape, cells in runs),
+        _tags(document, named(piece.find("CellData")), order),
+        _parts(document, fields),
+        word(document, fields, "unit", "mm"),
+    )
+
+
+def write(mesh: VolumeMesh) -> Iterator[bytes]:
+    """Write a volume mesh, compressed."""
+    writer = Writer(KIND)
+    grid = SubElement(writer.root, KIND)
+    _write_fields(writer, SubElement(grid, "FieldData"), mesh)
+    counts = {"NumberOfPoints": str(len(mesh.points)), "NumberOfCells": str(mesh.cells)}
+    piece = SubElement(grid, "Piece", counts)
+    tags = SubElement(piece, "CellData")
+    for name, tag in mesh.cell_tags.items():
+        writer.array(tags, name, tag)
+    writer.array(SubElement(piece, "Points"), "Points", mesh.points)
+    shapes = [SHAPES[block.shape] for block in mesh.blocks]
+    lengths = [len(block.cells) for block in mesh.blocks]
+    nodes = [block.cells.reshape(-1) for block in mesh.blocks]
+    widths = np.repeat(np.array([s.nodes for s in shapes], dtype=np.int64), lengths)
+    cells = SubElement(piece, "Cells")
+    writer.array(cells, "connectivity", np.concatenate([np.zeros(0, np.int64), *nodes]))
+    writer.array(cells, "offsets", np.cumsum(widths))
+    writer.array(cells, "types", np.repeat(np.array([s.vtk for s in shapes], np.uint8), lengths))
+    return writer.chunks()
+
+
+def _write_fields(writer: Writer, fields: Element, mesh: VolumeMesh) -> None:
+    writer.strings(fields, "unit", [mesh.unit])
+    writer.strings(fields, "blocks", [block.shape for block in mesh.blocks])
+    lengths = [len(block.cells) for block in mesh.blocks]
+    writer.field(fields, "block_cells", np.array(lengths, dtype=np.int64))
+    for name, part in mesh.parts.items():
+        writer.field(fields, f"{part.kind}:{name}", part.members)
+
+
+def _points(document: Document, piece: Element) -> NDArray[np.float64]:
+    count = integer(piece.get("NumberOfPoints"), "NumberOfPoints")
+    arrays = list(named(child(piece, "Points")).values())
+    if len(arrays) != 1 or arrays[0].get("NumberOfComponents") != "3":
+        refuse("Points", f"{len(arrays)} arrays", "one array of three components")
+    values = document.array(arrays[0], 3 * count, "Points")
+    return values.reshape(-1, 3).astype(np.float64)
+
+
+def _cells(
+    document: Document, arrays: dict[str, Element], count: int
+) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
+    """Return each cell's type and where its nodes begin in the list of all nodes, the third."""
+    if missing := [n for n in ("connectivity", "offsets", "types") if n not in arrays]:
+        refuse("Cells", ", ".join(arrays), ", ".join(missing))
+    types = document.array(arrays["types"], count, "types")
+    ends = document.array(arrays["offsets"], count, "offsets").astype(np.int64)
+    if unknown := sorted(set(np.unique(types).tolist()) - set(SHAPE_OF)):
+        known = ", ".join(f"{number} ({name})" for number, name in SHAPE_OF.items())
+        refuse("cell types", ", ".join(map(str, unknown)), f"only {known}")
+    widths = np.zeros(256, dtype=np.int64)
+    for number, name in SHAPE_OF.items():
+        widths[number] = SHAPES[name].nodes
+    if not np.array_equal(ends, np.cumsum(widths[types])):
+        raise FormatError("offsets do not rise by the number of nodes that each cell's type has")
+    total = int(ends[-1]) if count else 0
+    nodes = document.array(arrays["connectivity"], total, "connectivity").astype(np.int64)
+    return types, ends - widths[types], nodes
+
+
+def _runs(
+    document: Document, fields: dict[str, Element], types: NDArray[np.uint8]
+) -> list[tuple[str, NDArray[np.int64]]]:
+    """Return for each block its shape and the numbers of its cells in the file."""
+    if "blocks" not in fields or "block_cells" not in fields:
+        numbers = [int(v) for v in np.unique(types)]
+        return [(SHAPE_OF[number], np.flatnonzero(types == number)) for number in numbers]
+    shapes = document.strings(fields["blocks"], "blocks")
+    lengths = document.array(fields["block_cells"], len(shapes), "block_cells").tolist()
+    for length in lengths:
+        need(length, len(types), "a block", unit="cells")
+    if sum(lengths) != len(types) or not set(shapes) <= set(SHAPES):
+        refuse("blocks", list(zip(shapes, lengths, strict=True)), f"{len(types)} cells in all")
+    ends = np.cumsum([0, *lengths]).tolist()
+    runs = [(s, np.arange(a, b)) for s, a, b in zip(shapes, ends, ends[1:], strict=False)]
+    if any((types[cells] != SHAPES[shape].vtk).any() for shape, cells in runs):
+        raise FormatError("blocks: the shapes disagree with the cells' types")
+    return runs
+
+
+def _block(shape: str, nodes: NDArray[np.int64], starts: NDArray[np.int64]) -> Block:
+    return Block(shape, nodes[starts[:, None] + np.arange(SHAPES[shape].nodes)])
+
+
+def _tags(
+    document: Document, arrays: dict[str, Element], order: NDArray[np.int64]
+) -> dict[str, NDArray[np.int64]]:
+    tags = {}
+    for name, element in arrays.items():
+        whole = (element.get("type") or "").removeprefix("U").startswith("Int")
+        if whole and element.get("NumberOfComponents", "1") == "1":
+            tags[name] = _signed(document.array(element, len(order), name), name)[order]
+    return tags
+
+
+def _signed(values: NDArray[np.int64], what: str) -> NDArray[np.int64]:
+    if values.dtype == np.uint64 and values.size and values.max() > np.iinfo(np.int64).max:
+        refuse(what, int(values.max()), "at most 2^63 - 1")
+    return values.astype(np.int64)
+
+
+def _parts(document: Document, fields: dict[str, Element]) -> dict[str, Part]:
+    parts = {}
+    for field, element in fields.items():
+        kind, colon, name = field.partition(":")
+        if colon and kind in PART_KINDS and element.get("type") == "Int64":
+            count = integer(element.get("NumberOfTuples"), f"NumberOfTuples of {field}")
+            width = 2 if kind == "faces" else 1
+            members = document.array(element, count * width, field)
+            parts[name] = Part(kind, members.reshape(-1, 2) if width == 2 else members)
+    return parts
+
+
+FORMAT = Format("VTK unstructured grid", (".vtu",), VolumeMesh, read, (VolumeMesh,), write)
