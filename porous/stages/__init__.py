@@ -1,5 +1,15 @@
 """One step each: from model to voxels, from voxels to a surface, from a surface to a mesh."""
 
+from porous.stages._exact_surface import exact_surface
 from porous.stages._extract_surface import extract_surface
+from porous.stages._hexahedralize import hexahedralize
+from porous.stages._name_parts import name_parts
+from porous.stages._tetrahedralize import tetrahedralize
 
-__all__ = ["extract_surface"]
+__all__ = [
+    "exact_surface",
+    "extract_surface",
+    "hexahedralize",
+    "name_parts",
+    "tetrahedralize",
+]

@@ -1,0 +1,74 @@
+"""Names for the parts of a mesh: the six sides of its box, its skin, its walls, its solid."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import MeshError
+from porous.values import Part, VolumeMesh
+from porous.values.volume_topology import boundary_faces, nodes_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from porous.values import Box
+
+    Indices = NDArray[np.int64]
+
+SIDES = ("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX")
+
+TOLERANCE = 1e-4
+"""Nodes closer to a side are on it, relative to the box's longest edge: a mesher puts them within
+1e-7 of it or not at all, marching cubes within a thousandth of a voxel."""
+
+
+def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> VolumeMesh:
+    """Return the mesh with parts named after the box that it was made in.
+
+    ``XMIN`` … ``ZMAX`` are the boundary's nodes on each side of the box, ``XMIN_FACES`` …
+    ``ZMAX_FACES`` the boundary faces that lie in it; ``SKIN`` are the boundary faces on any side,
+    ``WALL`` all the others, ``SOLID`` every cell. Sides that the mesh does not reach have no part.
+
+    Parameters
+    ----------
+    mesh
+        Parts it has are kept, but for those of the same names.
+    box
+        In the mesh's unit.
+    tolerance
+        How far from a side nodes may lie, relative to the box's longest edge.
+
+    Raises
+    ------
+    MeshError
+        For a negative tolerance, or one that makes opposite sides one.
+    """
+    if not 0 <= tolerance < 0.5:
+        raise MeshError(f"tolerance: got {tolerance}; wanted a number from 0 to less than 0.5")
+    faces = boundary_faces(mesh)
+    nodes = nodes_of(mesh, faces)
+    reach = tolerance * max(box.lengths)
+    parts: dict[str, Part] = {}
+    skin = np.zeros(len(faces), dtype=bool)
+    for index, side in enumerate(SIDES):
+        axis, end = divmod(index, 2)
+        level = (box.lower, box.upper)[end][axis]
+        on = np.abs(mesh.points[:, axis] - level) <= reach
+        inside = (on[nodes] | (nodes < 0)).all(axis=1)
+        skin |= inside
+        parts[side] = Part("nodes", np.flatnonzero(on & _touched(mesh, nodes)))
+        parts[f"{side}_FACES"] = Part("faces", faces[inside])
+    parts["SKIN"] = Part("faces", faces[skin])
+    parts["WALL"] = Part("faces", faces[~skin])
+    parts["SOLID"] = Part("cells", np.arange(mesh.cells))
+    found = {name: part for name, part in parts.items() if len(part.members)}
+    kept = {name: part for name, part in mesh.parts.items() if name not in parts}
+    return VolumeMesh(mesh.points, mesh.blocks, mesh.cell_tags, {**kept, **found}, mesh.unit)
+
+
+def _touched(mesh: VolumeMesh, nodes: Indices) -> NDArray[np.bool_]:
+    result = np.zeros(len(mesh.points), dtype=bool)
+    result[nodes[nodes >= 0]] = True
+    return result
