@@ -171,9 +171,7 @@ class Automaton(Value):
                 f"state {self.states[transition.target].name!r} has no four independent controls: "
                 "its cells are no affine images of space"
             )
-        return product(
-            product(self.states[transition.source].controls, transition.matrix), inverse
-        )
+        return product(product(self.states[transition.source].controls, transition.matrix), inverse)
 
     def scaled(self, factor: float) -> Automaton:
         """Return the same automaton with its controls ``factor`` times as far from the origin."""
@@ -243,9 +241,7 @@ def numbers(array: Any, what: str) -> NDArray[np.float64]:
     return result
 
 
-def product(
-    points: NDArray[np.float64], matrix: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def product(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``points @ matrix``, (…, m) by (m, k), summed in one order whatever the shapes.
 
     A cell's coordinates are then the same floating-point numbers whoever computes them, with

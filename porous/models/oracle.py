@@ -125,9 +125,7 @@ def _level_zero(periodic: Axes) -> dict[int, int]:
     sides = [((1, 1),) if wraps else ((0, 1), (1, 0)) for wraps in periodic]
     counts: dict[int, int] = {}
     for x, y, z in product(*sides):
-        window = sum(
-            1 << (4 * a + 2 * b + c) for a, b, c in _CORNERS if x[a] and y[b] and z[c]
-        )
+        window = sum(1 << (4 * a + 2 * b + c) for a, b, c in _CORNERS if x[a] and y[b] and z[c])
         counts[window] = counts.get(window, 0) + 1
     return counts
 
@@ -179,7 +177,6 @@ def _spread(coarse: int, straddled: tuple[int, ...]) -> int:
         if coarse >> (4 * x + 2 * y + z) & 1:
             reach |= 1 << (4 * a + 2 * b + c)
     return reach
-
 
 
 def _next_pieces(

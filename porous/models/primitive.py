@@ -125,7 +125,7 @@ class Primitive(Value):
         """
         if self.radius is not None:
             return 2 * self.radius
-        hull = self if self.convex else _hull(self.points)
+        hull = self if self.convex else convex_hull(self.points)
         heights = hull.points @ _width_directions(hull).T
         return float((heights.max(axis=0) - heights.min(axis=0)).min())
 
@@ -294,7 +294,8 @@ def _leading(vectors: Points) -> Points:
     return np.asarray(vectors[np.arange(len(vectors)), index])
 
 
-def _hull(points: Points) -> Primitive:
+def convex_hull(points: Points) -> Primitive:
+    """Return the convex hull of points that span space, named ``"hull"``."""
     from scipy.spatial import ConvexHull
 
     found = ConvexHull(points)

@@ -1,0 +1,621 @@
+"""Iterated function systems: affine maps of space, a primitive and how deep to go."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path  # noqa: TC003  (pydantic reads it)
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from porous.errors import MeshError, ModelError, nearest
+from porous.models import digits as digit_sets
+from porous.models import primitive as primitives
+from porous.models.automaton import (
+    DEEPEST,
+    Automaton,
+    Cells,
+    cells,
+    checked_map,
+    cut_set,
+    frames,
+    of_maps,
+)
+from porous.models.contraction import check_contracts
+from porous.models.digits import DigitSet
+from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
+from porous.models.features import least_shrinkage, narrowest_run, thinnest
+from porous.models.primitive import Primitive
+from porous.values import Box
+from porous.values.units import check_unit
+from porous.values.value import Value
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from porous.values import Frame, Measure, Pattern, SurfaceMesh
+
+KIND = "ifs"
+
+BOX_TOLERANCE = 1e-3
+"""How far too wide the certified box of an orbit may be, as a part of its longest edge."""
+
+FUSED = 0.25
+"""Radius of the balls that fuse contacts where none is given, as a part of the thinnest cell."""
+
+Contacts = Literal["apart", "fuse", "shared"]
+
+
+@dataclass(frozen=True, eq=False)
+class CutSet(Value):
+    """A level by size: cells are refined until they are smaller than ``size``, in the unit.
+
+    The size of a cell is the longest edge of the primitive's box times the largest stretch of
+    the cell's map: for cubes under similarities, the edge of the small cube.
+    """
+
+    size: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.size < math.inf:
+            raise ModelError(f"level: got size = {self.size}; wanted a positive length")
+
+
+Level = int | CutSet | Literal["limit"]
+
+
+@dataclass(frozen=True, eq=False)
+class IFS(Value):
+    """A prefractal, or the attractor, of an automaton whose states are frames of space.
+
+    The body is the union of the images of ``primitive`` in all cells of the level, or the
+    attractor; grown by a ball of radius ``offset``. All lengths are in ``unit``.
+
+    Parameters
+    ----------
+    automaton
+        Every state with four independent controls, in the coordinates of the primitive.
+    level
+        A number, a ``CutSet``, or ``"limit"`` for the attractor itself.
+    primitive
+        What each cell is an image of, in reference coordinates of its state.
+    domain
+        The box that is sampled: that of all levels and the attractor, grown by ``offset`` and by
+        the balls that fuse.
+    bulk
+        The box that porosity refers to.
+    offset
+        Radius of the ball added.
+    contacts
+        ``"apart"``; ``"fuse"`` adds balls where cells touch without sharing area; ``"shared"``
+        says that cell meshes may share nodes there.
+    contact_radius
+        Of the balls that fuse.
+    digits
+        The digit set, where the maps are x ↦ (x + d) / N of a cube: exact counts are known then.
+    unit
+        Unit of length.
+
+    Raises
+    ------
+    ModelError
+        For negative lengths, levels that cannot be, fused contacts of an attractor.
+    """
+
+    automaton: Automaton
+    level: Level
+    primitive: Primitive
+    domain: Box
+    bulk: Box
+    offset: float = 0.0
+    contacts: Contacts = "apart"
+    contact_radius: float = 0.0
+    digits: DigitSet | None = None
+    unit: str = "mm"
+
+    def __post_init__(self) -> None:
+        check_level(self.level)
+        check_unit(self.unit)
+        for name in ("offset", "contact_radius"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ModelError(f"{name}: got {getattr(self, name)}; wanted zero or a length")
+        if self.contacts == "fuse" and self.level == "limit":
+            raise ModelError('contacts: "fuse" joins cells; level = "limit" has none. Use offset')
+
+    @property
+    def plain_digits(self) -> DigitSet | None:
+        """The digit set where the body is exactly its cells of a whole-numbered level."""
+        grown = self.offset > 0 or (self.contacts == "fuse" and len(self.balls))
+        return None if grown or not isinstance(self.level, int) else self.digits
+
+    @cached_property
+    def cells(self) -> tuple[Cells, ...]:
+        """The cells of the level, by state.
+
+        Raises ``ModelError`` for ``"limit"``, ``MemoryLimitError`` where there are too many.
+        """
+        if self.level == "limit":
+            raise ModelError('level: "limit" has no cells; wanted a number or { size = … }')
+        if isinstance(self.level, CutSet):
+            return cut_set(self.automaton, self.level.size, self._sizes)
+        assert isinstance(self.level, int)
+        return cells(self.automaton, self.level)
+
+    def frames(self) -> NDArray[np.float64]:
+        """Return the affine map of each cell from the primitive to the world, (k, 3, 4)."""
+        return self._frames
+
+    @cached_property
+    def _frames(self) -> NDArray[np.float64]:
+        return frames(self.automaton, self.cells)
+
+    @cached_property
+    def balls(self) -> NDArray[np.float64]:
+        """The balls that fuse contacts, (c, 4): centre and radius; none unless they are fused."""
+        if self.contacts != "fuse":
+            return np.zeros((0, 4))
+        from porous.models.contacts import contact_points
+
+        points = contact_points(self.primitive, self.frames())
+        return np.column_stack([points, np.full(len(points), self.contact_radius)])
+
+    @cached_property
+    def attractor_balls(self) -> NDArray[np.float64]:
+        """A ball per state that holds its attractor, (s, 4)."""
+        return enclosing_balls(self.automaton)
+
+    def sample(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
+        """Return the mask of each voxel: bit r·C + c where the pattern's point lies in the body.
+
+        Raises
+        ------
+        ModelError
+            For an attractor without offset: no sample point lies in a set without volume.
+        """
+        from porous.models import rasterise
+
+        if self.level == "limit":
+            if not self.offset:
+                raise ModelError(
+                    "the attractor has no volume, so no sample point lies in it; "
+                    'wanted an offset, sampling = "cover", or a level'
+                )
+            return rasterise.sample_attractor(
+                self.automaton, self.attractor_balls, frame, pattern, offset=self.offset
+            )
+        if self.plain_digits is not None:
+            assert isinstance(self.level, int)
+            return rasterise.sample_digits(
+                self.plain_digits, self.level, self.primitive.box, frame, pattern
+            )
+        return rasterise.sample_pieces(
+            self.primitive, self.frames(), frame, pattern, offset=self.offset, balls=self.balls
+        )
+
+    def fill(
+        self,
+        frame: Frame,
+        pattern: Pattern,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> NDArray[np.uint8] | None:
+        """Return the fill of every voxel where there is a short cut to it, else None."""
+        from porous.models import rasterise
+
+        if self.plain_digits is None:
+            return None
+        assert isinstance(self.level, int)
+        return rasterise.fill_digits(
+            self.plain_digits, self.level, self.primitive.box, frame, pattern, progress=progress
+        )
+
+    def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
+        """Return marks of every voxel that the body touches, and a Hausdorff bound."""
+        from porous.models import rasterise
+
+        if self.level == "limit":
+            return rasterise.cover_attractor(
+                self.automaton, self.attractor_balls, frame, offset=self.offset
+            )
+        return rasterise.cover_pieces(
+            self.primitive, self.frames(), frame, offset=self.offset, balls=self.balls
+        )
+
+    def boundary(self) -> SurfaceMesh:
+        """Return the exact boundary.
+
+        Raises ``ModelError`` where it is not polyhedral or its topology would not be certain.
+        """
+        from porous.models.boundary import exact_boundary
+
+        return exact_boundary(
+            self.automaton,
+            self.primitive,
+            self.level,
+            offset=self.offset,
+            contacts=self.contacts,
+            contact_radius=self.contact_radius,
+            unit=self.unit,
+        )
+
+    def exact(
+        self, periodic: tuple[bool, bool, bool] = (False, False, False)
+    ) -> tuple[Measure, ...]:
+        """Return what is known in closed form; see ``models.exact``."""
+        from porous.models.exact import exact_measures
+
+        return exact_measures(self, periodic)
+
+    def smallest_feature(self) -> float | None:
+        """Return the thickness of the thinnest cell, or a lower bound on it, in ``unit``.
+
+        min σ_min(A_w)·t₀ over the cells, t₀ the primitive's thickness, plus the offset on both
+        sides. None for an attractor, which has details of every size.
+        """
+        if self.level == "limit":
+            return None
+        return self._shrinkage() * self.primitive.thickness + 2 * self.offset
+
+    def smallest_pore(self) -> float | None:
+        """Return the shortest void between two solids along an axis, in ``unit``.
+
+        Of digit sets in vacuum, less the offset on both sides; None where there is no such void
+        or it is not known.
+        """
+        if self.digits is None or not isinstance(self.level, int):
+            return None
+        run = narrowest_run(self.digits, self.level)
+        if run is None:
+            return None
+        side = self.primitive.box.lengths[0] / self.digits.divisions**self.level
+        return max(0.0, run * side - 2 * self.offset)
+
+    def finest_printable_level(self, feature: float) -> float | None:
+        """Return the last level up to which no cell is thinner than ``feature``, in ``unit``.
+
+        None where the level-0 body is thinner already; infinite where the offset alone is as
+        thick.
+
+        Raises ``ModelError`` for a feature that is not positive.
+        """
+        if not 0 < feature < math.inf:
+            raise ModelError(f"feature: got {feature}; wanted a positive length")
+        if 2 * self.offset >= feature:
+            return math.inf
+        needed = (feature - 2 * self.offset) / self.primitive.thickness * (1 - 1e-9)
+        for level in range(DEEPEST):
+            if least_shrinkage(self.automaton, level) < needed:
+                return level - 1 if level else None
+        return math.inf
+
+    @property
+    def feature_size(self) -> float | None:
+        """The length that ``per_feature`` divides; None for an attractor."""
+        return self.smallest_feature() or None
+
+    def _shrinkage(self) -> float:
+        if isinstance(self.level, int):
+            if self.digits is not None:
+                return float(self.digits.divisions) ** -self.level
+            return least_shrinkage(self.automaton, self.level)
+        return thinnest(self.frames())
+
+    def _sizes(self, group: Cells) -> NDArray[np.float64]:
+        placed = frames(self.automaton, [group._replace(place=np.arange(len(group.place)))])
+        stretch = np.linalg.norm(placed[:, :, :3], 2, axis=(1, 2))
+        return np.asarray(stretch * max(self.primitive.box.lengths))
+
+
+def check_level(level: object) -> None:
+    """Raise ``ModelError`` where a level is no whole number of 0 …, ``CutSet`` or "limit"."""
+    if level == "limit" or isinstance(level, CutSet):
+        return
+    if not isinstance(level, int | np.integer) or isinstance(level, bool):
+        raise ModelError(f'level: got {level!r}; wanted a number, {{ size = … }} or "limit"')
+    if not 0 <= level <= DEEPEST:
+        raise ModelError(f"level: got {level}; wanted 0 … {DEEPEST}")
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+Triple = Annotated[tuple[float, float, float], Field(strict=False)]
+Matrix = Annotated[tuple[Triple, Triple, Triple], Field(strict=False)]
+Digit = Annotated[tuple[int, int, int], Field(strict=False)]
+
+
+class SizeSection(_Section):
+    """A level by size."""
+
+    size: float = Field(gt=0, description="a length above zero: refine until cells are smaller")
+
+
+class MeshSection(_Section):
+    """A primitive of one's own."""
+
+    mesh: Path = Field(strict=False, description="a path to a closed STL, PLY or OBJ file")
+
+
+class DigitsSection(_Section):
+    """Lattice-aligned maps x ↦ (x + d) / divisions."""
+
+    divisions: int | None = Field(
+        default=None,
+        ge=2,
+        le=digit_sets.LARGEST,
+        description=f"a whole number, 2 … {digit_sets.LARGEST}; a named set has its own",
+    )
+    keep: str | Annotated[tuple[Digit, ...], Field(strict=False)] = Field(
+        description="a list of [i, j, k], each once and below divisions, or the name of a set"
+    )
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        try:
+            self.digits()
+        except ModelError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    def digits(self) -> DigitSet:
+        """Return the digit set."""
+        if isinstance(self.keep, str):
+            if self.keep not in digit_sets.names():
+                near = nearest(self.keep, digit_sets.names())
+                raise ModelError(f"no set of digits {self.keep!r}{near}")
+            return digit_sets.named(self.keep, self.divisions)
+        if self.divisions is None:
+            raise ModelError("digits: wanted divisions beside a list of digits")
+        return DigitSet(self.divisions, np.array(self.keep, np.int64).reshape(-1, 3))
+
+
+class MapSection(_Section):
+    """An affine map x ↦ matrix·x + translation."""
+
+    matrix: Matrix = Field(description="three rows of three numbers")
+    translation: Triple = Field(default=(0.0, 0.0, 0.0), description="three numbers")
+
+
+class BoxSection(_Section):
+    """A box in model units, like the maps."""
+
+    lower: Triple = Field(description="three numbers")
+    upper: Triple = Field(description="three numbers, none below its lower bound")
+
+    @model_validator(mode="after")
+    def _proper(self) -> Self:
+        if any(a >= b for a, b in zip(self.lower, self.upper, strict=True)):
+            raise ValueError(f"got upper {self.upper}; wanted it above lower {self.lower}")
+        return self
+
+
+class IFSSection(_Section):
+    """The ``[model]`` table of an iterated function system."""
+
+    kind: Literal["ifs"] = Field(default="ifs", description='"ifs"')
+    level: Annotated[int, Field(ge=0, le=DEEPEST)] | SizeSection | Literal["limit"] = Field(
+        default=2, description='a whole number, zero or more, { size = 0.2 } or "limit"'
+    )
+    primitive: str | MeshSection = Field(
+        default="cube",
+        description=f'one of {", ".join(primitives.NAMES)}, or {{ mesh = "part.stl" }}',
+    )
+    size: float = Field(default=1.0, gt=0, description="a length above zero, in unit")
+    unit: Literal["nm", "um", "mm", "cm", "m", "in"] = Field(
+        default="mm", description="nm, um, mm, cm, m or in"
+    )
+    offset: float = Field(default=0.0, ge=0, description="a length, zero or more, in unit")
+    contacts: Contacts = Field(default="apart", description='"apart", "fuse" or "shared"')
+    contact_radius: float | None = Field(
+        default=None,
+        gt=0,
+        description=f"a length above zero, in unit; {FUSED:g} of the thinnest cell if left out",
+    )
+    digits: DigitsSection | None = Field(
+        default=None, description="{ divisions = N, keep = [[i, j, k], …] or a name }"
+    )
+    maps: Annotated[tuple[MapSection, ...], Field(strict=False, min_length=1)] | None = Field(
+        default=None, description="tables of matrix and translation, at least one"
+    )
+    domain: BoxSection | None = Field(
+        default=None, description="{ lower = [x, y, z], upper = [x, y, z] } in model units"
+    )
+    bulk: BoxSection | None = Field(
+        default=None, description="{ lower = [x, y, z], upper = [x, y, z] } in model units"
+    )
+
+    @model_validator(mode="after")
+    def _one_system(self) -> Self:
+        if (self.digits is None) == (self.maps is None):
+            raise ValueError(
+                f"got {'both' if self.digits else 'neither'} of digits and maps; wanted one"
+            )
+        if isinstance(self.primitive, str) and self.primitive not in primitives.NAMES:
+            near = nearest(self.primitive, primitives.NAMES)
+            raise ValueError(f"no primitive {self.primitive!r}{near}")
+        return self
+
+
+def build(section: IFSSection, folder: Path) -> IFS:
+    """Return the model of a recipe's section; meshes lie relative to ``folder``.
+
+    Raises
+    ------
+    ModelError
+        Where there is no such model: maps that do not contract together (names the word), a
+        singular map (names it) of a level, a primitive that is no closed solid.
+    """
+    level: Any = section.level
+    return _built(
+        section.digits.digits() if section.digits else None,
+        [(m.matrix, m.translation) for m in section.maps or ()],
+        level=CutSet(level.size) if isinstance(level, SizeSection) else level,
+        primitive=_primitive(section.primitive, folder),
+        domain=section.domain and Box(section.domain.lower, section.domain.upper),
+        bulk=section.bulk and Box(section.bulk.lower, section.bulk.upper),
+        **section.model_dump(include={"size", "unit", "offset", "contacts", "contact_radius"}),
+    )
+
+
+def ifs(
+    maps: Iterable[tuple[ArrayLike, ArrayLike]] | Automaton | DigitSet,
+    *,
+    level: Level = 2,
+    primitive: str | Primitive | SurfaceMesh = "cube",
+    size: float | None = None,
+    unit: str = "mm",
+    offset: float = 0.0,
+    contacts: Contacts = "apart",
+    contact_radius: float | None = None,
+    domain: Box | None = None,
+    bulk: Box | None = None,
+) -> IFS:
+    """Return the model of affine maps of space.
+
+    Parameters
+    ----------
+    maps
+        Pairs of a matrix (3, 3) and a translation (3,); or an automaton whose states are frames of
+        space; or a digit set.
+    level
+        A number, ``CutSet(size)``, or ``"limit"`` for the attractor.
+    primitive
+        A name, a primitive, or a closed surface in model units.
+    size
+        Length of the domain's longest edge, in ``unit``; model units are units where not given.
+    unit
+        nm, um, mm, cm, m or in.
+    offset
+        Radius of the ball added, in ``unit``.
+    contacts
+        ``"apart"``, ``"fuse"`` or ``"shared"``.
+    contact_radius
+        Of the balls that fuse, in ``unit``; ``FUSED`` of the thinnest cell where not given.
+    domain, bulk
+        Boxes in model units, in place of those that follow from the maps and the primitive.
+
+    Raises
+    ------
+    ModelError
+        As ``build``.
+    """
+    system = maps if isinstance(maps, Automaton | DigitSet) else None
+    return _built(
+        system,
+        [] if system is not None else list(maps),  # type: ignore[arg-type]
+        level=level,
+        primitive=_primitive(primitive, None),
+        size=size,
+        unit=unit,
+        offset=offset,
+        contacts=contacts,
+        contact_radius=contact_radius,
+        domain=domain,
+        bulk=bulk,
+    )
+
+
+def _primitive(given: object, folder: Path | None) -> Primitive:
+    if isinstance(given, Primitive):
+        return given
+    if isinstance(given, str):
+        return primitives.named(given)
+    if isinstance(given, MeshSection):
+        from porous.formats import read
+
+        given = read((folder or Path()) / given.mesh)
+    from porous.values import SurfaceMesh
+
+    if not isinstance(given, SurfaceMesh):
+        raise MeshError(f"primitive: got a {type(given).__name__}; wanted a closed surface")
+    return primitives.of_surface(given)
+
+
+def _system(
+    given: DigitSet | Automaton | None, maps: list[tuple[ArrayLike, ArrayLike]], name: str
+) -> tuple[Automaton, DigitSet | None]:
+    """Return the automaton, and the digit set where cells are the sub-cubes of a cube."""
+    if isinstance(given, Automaton):
+        return given, None
+    if isinstance(given, DigitSet):
+        return of_maps(given.maps), given if name == "cube" else None
+    checked = [checked_map(index, *pair) for index, pair in enumerate(maps)]
+    found = digit_sets.detect(checked) if checked and name == "cube" else None
+    return of_maps(checked), found
+
+
+def _built(
+    given: DigitSet | Automaton | None,
+    maps: list[tuple[ArrayLike, ArrayLike]],
+    *,
+    level: Level,
+    primitive: Primitive,
+    size: float | None,
+    unit: str,
+    offset: float,
+    contacts: Contacts,
+    contact_radius: float | None,
+    domain: Box | None,
+    bulk: Box | None,
+) -> IFS:
+    automaton, digits = _system(given, maps, primitive.name)
+    check_level(level)
+    if level != "limit":
+        _check_regular(automaton)
+    check_contracts(automaton)
+    natural = _natural_box(automaton, primitive)
+    sampled = domain or natural
+    scale = 1.0 if size is None else float(size) / max(sampled.lengths)
+    scaled, solid = automaton.scaled(scale), primitive.scaled(scale)
+    model = IFS(
+        scaled,
+        level,
+        solid,
+        domain=_scaled(sampled, scale),
+        bulk=_scaled(bulk or sampled, scale),
+        offset=float(offset),
+        contacts=contacts,
+        contact_radius=contact_radius or 0.0,
+        digits=digits,
+        unit=unit,
+    )
+    return _with_radius(model, grown=domain is None)
+
+
+def _with_radius(model: IFS, *, grown: bool) -> IFS:
+    """Return the model with its contact radius settled and its domain grown by what is added."""
+    from dataclasses import replace
+
+    radius = model.contact_radius
+    if model.contacts == "fuse" and not radius:
+        radius = FUSED * (model.smallest_feature() or 0.0)
+    reach = model.offset + (radius if model.contacts == "fuse" else 0.0)
+    domain = model.domain.grown(reach) if grown and reach else model.domain
+    return replace(model, contact_radius=radius, domain=domain)
+
+
+def _natural_box(automaton: Automaton, primitive: Primitive) -> Box:
+    seeds = Seeds(primitive.points, primitive.radius or 0.0)
+    longest = max(seeds.box.lengths)
+    return orbit_box(automaton, seeds, tolerance=BOX_TOLERANCE * longest)
+
+
+def _check_regular(automaton: Automaton) -> None:
+    dets = np.abs(np.linalg.det(automaton.maps[:, :, :3]))
+    scale = np.linalg.norm(automaton.maps[:, :, :3], 2, axis=(1, 2)) ** 3
+    flat = np.flatnonzero(dets <= 1e-14 * scale)
+    if len(flat):
+        raise ModelError(
+            f"maps[{flat[0]}]: got a singular matrix, which flattens the primitive; wanted one "
+            'with an inverse, or level = "limit" with an offset'
+        )
+
+
+def _scaled(box: Box, factor: float) -> Box:
+    lower, upper = (tuple(v * factor for v in corner) for corner in (box.lower, box.upper))
+    return Box(lower, upper)  # type: ignore[arg-type]
