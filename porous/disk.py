@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
-import shutil
-import tempfile
+import secrets
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from porous.errors import DiskError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable
+
+TEMPORARY = ".porous-"
+"""How the names of unfinished files begin; they stand beside the file that they will become."""
+CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP)
+"""What file systems answer that cannot put a folder on the platter."""
 
 
 def write_bytes(path: str | Path, chunks: bytes | Iterable[bytes]) -> None:
@@ -21,9 +27,10 @@ def write_bytes(path: str | Path, chunks: bytes | Iterable[bytes]) -> None:
     Parameters
     ----------
     path
-        Where the file is to be; a file of that name is replaced.
+        Where the file is to be; a file of that name is replaced, a link is followed. Pipes,
+        devices and folders are refused.
     chunks
-        Its bytes, at once or in pieces.
+        Its bytes, at once or in pieces. Whatever an iterator raises ends the writing.
 
     Raises
     ------
@@ -31,26 +38,31 @@ def write_bytes(path: str | Path, chunks: bytes | Iterable[bytes]) -> None:
         Where the disk refuses; what was there before is untouched and nothing is left behind.
     """
     pieces = [chunks] if isinstance(chunks, bytes) else chunks
-    target = Path(path)
-
-    def fill(temporary: Path) -> None:
-        with temporary.open("wb") as stream:
-            for piece in pieces:
-                stream.write(piece)
-            stream.flush()
-            os.fsync(stream.fileno())
-
-    _put(target, fill)
+    try:
+        _put(_target(path), pieces)
+    except OSError as error:
+        raise DiskError(f"{path}: cannot be written: {_reason(error)}") from None
 
 
 def make_folder(path: str | Path) -> Path:
-    """Create a folder and its parents where they are missing; return its path."""
+    """Create a folder and its parents where they are missing; return its path.
+
+    Raises
+    ------
+    DiskError
+        Where it cannot be made or written to; folders made on the way are removed again.
+    """
     folder = Path(path)
+    made: list[Path] = []
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        for place in _missing(_name(folder)):
+            place.mkdir(exist_ok=True)
+            made.append(place)
+        _probe(folder)
     except OSError as error:
+        for place in reversed(made):
+            with contextlib.suppress(OSError):
+                place.rmdir()
         raise DiskError(f"{folder}: cannot be written to: {_reason(error)}") from None
     return folder
 
@@ -58,94 +70,89 @@ def make_folder(path: str | Path) -> Path:
 def remove(path: str | Path) -> None:
     """Remove a file if it is there."""
     try:
-        Path(path).unlink(missing_ok=True)
+        _name(path).unlink(missing_ok=True)
     except OSError as error:
         raise DiskError(f"{path}: cannot be removed: {_reason(error)}") from None
 
 
-@contextlib.contextmanager
-def staging(path: str | Path) -> Iterator[Path]:
-    """Give a hidden folder inside ``path`` to fill; on leaving it is gone, whatever happened.
+def _target(path: str | Path) -> Path:
+    """Return the file that a path stands for, through links; refuse what is no file."""
+    target = Path(os.path.realpath(_name(path)))
+    with contextlib.suppress(FileNotFoundError):
+        if not stat.S_ISREG(target.stat().st_mode):  # a file would take the place of a device
+            raise OSError(errno.EINVAL, "something that is not a file has that name")
+    return target
 
-    ``path`` is created where it is missing, and removed again where the work fails, so that
-    nothing is left behind. ``commit`` moves what was staged into place.
 
-    Raises
-    ------
-    DiskError
-        At once where nothing can be written there.
-    """
-    folder = Path(path)
-    fresh = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    stage = folder
+def _name(path: str | Path) -> Path:
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "a name cannot hold a null character")
+    return Path(path)
+
+
+def _put(target: Path, pieces: Iterable[bytes]) -> None:
+    temporary = target.parent / f"{TEMPORARY}{secrets.token_hex(8)}"
+    placed = False
     try:
-        make_folder(folder)
-        with _refusals(folder):
-            stage = Path(tempfile.mkdtemp(prefix=".porous-", dir=folder))
-        yield stage
-        shutil.rmtree(stage, ignore_errors=True)
-    except BaseException as error:
-        if stage is not folder:
-            shutil.rmtree(stage, ignore_errors=True)
-        for parent in fresh:
-            with contextlib.suppress(OSError):
-                parent.rmdir()
-        if isinstance(error, DiskError):
-            raise DiskError(str(error).replace(str(stage), str(folder))) from None
-        raise
-
-
-def commit(stage: Path, folder: str | Path, *, last: str, stale: Iterable[str] = ()) -> None:
-    """Move the files of ``stage`` into ``folder``, and ``last`` after all the others.
-
-    The old ``last`` goes first, then the ``stale`` files: a folder that has it is whole.
-    """
-    target = Path(folder)
-    for name in (last, *stale):
-        remove(target / name)
-    with _refusals(target):
-        for file in sorted(stage.iterdir()):
-            if file.name != last:
-                file.replace(target / file.name)
-        _sync_folder(target)
-        (stage / last).replace(target / last)
-        _sync_folder(target)
-
-
-@contextlib.contextmanager
-def _refusals(target: Path) -> Iterator[None]:
-    """Turn what the disk refuses into ``DiskError``."""
-    try:
-        yield
-    except OSError as error:
-        raise DiskError(f"{target}: cannot be written: {_reason(error)}") from None
-
-
-def _put(target: Path, fill: Callable[[Path], None]) -> None:
-    temporary: Path | None = None
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        os.close(handle)
-        temporary = Path(name)
-        temporary.chmod(0o644)
-        fill(temporary)
+        _fill(temporary, pieces)
         temporary.replace(target)
-        temporary = None
+        placed = True
         _sync_folder(target.parent)
-    except OSError as error:
-        raise DiskError(f"{target}: cannot be written: {_reason(error)}") from None
     finally:
-        if temporary is not None:
+        # Whatever ended the writing, Ctrl-C too: what is not in its place is nowhere.
+        if not placed:
             with contextlib.suppress(OSError):
                 temporary.unlink()
 
 
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
+def _fill(temporary: Path, pieces: Iterable[bytes]) -> None:
+    # The mode is the user's own: what umask leaves of it, as for every file.
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     try:
+        done = 0
+        for piece in pieces:
+            done += _write_all(handle, piece, done)
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def _write_all(handle: int, piece: bytes, before: int) -> int:
+    rest = memoryview(piece)
+    while rest:
+        try:
+            rest = rest[os.write(handle, rest) :]
+        except OSError as error:
+            done = before + len(piece) - len(rest)
+            raise OSError(error.errno, f"{_reason(error)} (after {done} bytes)") from None
+    return len(piece)
+
+
+def _sync_folder(folder: Path) -> None:
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    except PermissionError:  # a folder that may be written to but not listed
+        return
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in CANNOT_SYNC:
+            raise
+    finally:
+        os.close(handle)
+
+
+def _missing(folder: Path) -> list[Path]:
+    """Return the folder and its parents that are not there, the outermost first."""
+    return [place for place in reversed((folder, *folder.parents)) if not place.exists()]
+
+
+def _probe(folder: Path) -> None:
+    place = folder / f"{TEMPORARY}{secrets.token_hex(8)}"
+    try:
+        _fill(place, ())
+    finally:
+        place.unlink(missing_ok=True)
 
 
 def _reason(error: OSError) -> str:

@@ -2,38 +2,78 @@
 
 from __future__ import annotations
 
-import os
-import re
+import contextlib
+import resource
+from pathlib import Path
 
 import psutil
 
-from porous.errors import MemoryLimitError, RecipeError
+from porous.errors import MemoryLimitError
 
 SHARE = 0.8
 """Part of the free memory that porous takes at most."""
+GROUPS = Path("/proc/self/cgroup")
+CONTROL = Path("/sys/fs/cgroup")
+FILES = {
+    # What a control group may use, what it uses, and what of that are mere copies of files.
+    "": ("memory.max", "memory.current", "inactive_file"),
+    "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+}
 
 
 def available() -> int:
-    """Return how many bytes porous may take: 80 % of what is free, or POROUS_MAX_MEMORY."""
-    free = int(psutil.virtual_memory().available * SHARE)
-    wanted = os.environ.get("POROUS_MAX_MEMORY", "")
-    return min(free, parse(wanted)) if wanted else free
+    """Return how many bytes porous may take: 80 % of what is free.
 
-
-def parse(text: str) -> int:
-    """Return the bytes that a text such as ``8G``, ``500 MiB`` or ``1000000`` means.
-
-    Raises
-    ------
-    RecipeError
-        Where it is no amount of memory.
+    Free is what the machine has left, or the control group that the process runs in (a container,
+    a batch job), or the limit on the process's address space: the least of them.
     """
-    match = re.fullmatch(
-        r"(\d{1,15}(?:\.\d{1,3})?)\s*([KMGTP]?)(?:i?B)?", text.strip(), re.IGNORECASE
-    )
-    if match is None or float(match[1]) == 0:
-        raise RecipeError(f"memory: got {text!r}; wanted an amount such as 8G or 500M")
-    return int(float(match[1]) * 1024 ** " KMGTP".index(match[2].upper() or " "))
+    free = [psutil.virtual_memory().available, *_address_space(), *group_room(GROUPS, CONTROL)]
+    return int(max(min(free), 0) * SHARE)
+
+
+def group_room(groups: Path, control: Path) -> list[int]:
+    """Return what is left to each control group that the process belongs to, in bytes.
+
+    Parameters
+    ----------
+    groups
+        The list of groups of the process: lines ``number:controllers:path``.
+    control
+        Where control groups are mounted; version 2, or version 1 under ``memory``.
+    """
+    room: list[int] = []
+    with contextlib.suppress(OSError):
+        for line in groups.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            if controllers in FILES:
+                root = control / controllers
+                inner = root / path.lstrip("/")
+                # Limits of the groups around bind too; in a container the path may lie outside.
+                places = [inner, *inner.parents]
+                room += [
+                    left
+                    for place in places[: places.index(root) + 1]
+                    if (left := _left(place, *FILES[controllers])) is not None
+                ]
+    return room
+
+
+def _left(group: Path, most: str, used: str, cached: str) -> int | None:
+    try:
+        limit = int((group / most).read_text())
+        taken = int((group / used).read_text())
+        lines = (group / "memory.stat").read_text().splitlines()
+    except (OSError, ValueError):  # no such group here, or "max": no limit
+        return None
+    spare = [int(value) for name, value in map(str.split, lines) if name == cached]
+    return limit - taken + sum(spare)
+
+
+def _address_space() -> list[int]:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return []
+    return [limit - psutil.Process().memory_info().vms]
 
 
 def readable(amount: float) -> str:
@@ -42,7 +82,8 @@ def readable(amount: float) -> str:
         if amount < 1024 or unit == "PiB":
             break
         amount /= 1024
-    return f"{amount:.3g} {unit}" if unit != "PiB" or amount < 1e4 else f"{amount:.1e} {unit}"
+    digits = 3 if amount < 999.5 else 4  # three would write 1023 as 1.02e+03
+    return f"{amount:.{digits}g} {unit}"
 
 
 def check_memory(needed: float, what: str, remedy: str, *, limit: int | None = None) -> None:

@@ -1,9 +1,9 @@
 """NPZ: numpy's zip of arrays; what scripts exchange.
 
-``fill`` (uint8, axes x, y, z) and ``spacing`` (three lengths) must be there; ``origin`` and ``unit``
-have defaults; ``bulk``, ``sampling``, ``hausdorff``, ``periodic`` and ``start`` stand where they say
-more than the defaults. ``numpy.load`` reads it. The same grid gives the same bytes. Pickles are
-never read.
+``fill`` (uint8, axes x, y, z) and ``spacing`` (three lengths) must be there; ``origin``, ``unit``
+and ``sampling`` have defaults; ``bulk``, ``hausdorff``, ``periodic`` and ``start`` stand where they
+say more than the defaults. ``numpy.load`` reads it. The same grid gives the same bytes. Pickles
+are never read.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ DIRECTORY = 64 * 1024
 """The longest table of contents that is read, in bytes."""
 METHODS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: RATIO}
 """How many bytes one byte of a member may become."""
+END = b"PK\x05\x06"
 MAGIC = b"\x93NUMPY"
 HEAD = 4096
 DESCRIPTION = re.compile(
@@ -95,7 +96,7 @@ def _grid(arrays: _Arrays) -> VoxelGrid:
     frame = Frame(
         arrays.three("origin", (0.0, 0.0, 0.0)),
         arrays.three("spacing", (1.0, 1.0, 1.0)),
-        fill.shape,  # type: ignore[arg-type]
+        fill.shape,
         arrays.three("periodic", (False, False, False)),
         arrays.word("unit", "mm"),
         arrays.three("start", (0, 0, 0)),
@@ -209,7 +210,11 @@ def _damage(what: str) -> Iterator[None]:
 
 def _check_directory(data: bytes) -> None:
     """Refuse a table of contents so long that ``zipfile`` would swell on reading it."""
-    place = data.rfind(b"PK\x05\x06", -DIRECTORY - 22)
+    place = max(
+        len(data) - 22, 0
+    )  # where it stands if no comment follows: zipfile looks here first
+    if not data.startswith(END, place):
+        place = data.rfind(END, -DIRECTORY - 22)
     if place < 0:
         raise FormatError("no table of contents at its end; wanted a zip archive, all of it")
     size = int.from_bytes(data[place + 12 : place + 16], "little")
