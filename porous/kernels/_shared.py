@@ -11,9 +11,15 @@ import os
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 
 def _cache_folder():
@@ -37,7 +43,7 @@ kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
 """The house decorator: compiled once, cached, free of the interpreter's lock."""
 
 
-def source(array, dtype):
+def source(array: ArrayLike, dtype: DTypeLike) -> NDArray[Any]:
     """Return ``array`` as the one type that kernels take as input: C-contiguous and read-only.
 
     numba compiles a kernel anew for a writable array; values hold read-only ones.
@@ -47,13 +53,18 @@ def source(array, dtype):
     return result
 
 
-def threads():
+def threads() -> int:
     """Return the number of threads to use: those this process may run on, or POROUS_THREADS."""
     wanted = os.environ.get("POROUS_THREADS", "")
     return int(wanted) if wanted.isdigit() and int(wanted) else len(os.sched_getaffinity(0))
 
 
-def slabs(count, size, work, progress=None):
+def slabs(
+    count: int,
+    size: int,
+    work: Callable[[int, int], None],
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
     """Call ``work(start, stop)`` for slabs of ``size`` out of ``count``, on all threads.
 
     Slabs are independent, so results do not depend on the number of threads. ``progress(done,

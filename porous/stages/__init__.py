@@ -5,6 +5,7 @@ from porous.stages._extract_surface import extract_surface
 from porous.stages._hexahedralize import hexahedralize
 from porous.stages._name_parts import name_parts
 from porous.stages._tetrahedralize import tetrahedralize
+from porous.stages._voxelize import voxelize
 
 __all__ = [
     "exact_surface",
@@ -12,4 +13,5 @@ __all__ = [
     "hexahedralize",
     "name_parts",
     "tetrahedralize",
+    "voxelize",
 ]
