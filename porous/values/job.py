@@ -85,6 +85,8 @@ class Job(Value):
         What is done, or None where the mesh can bear no load.
     why_no_step
         Said in the deck and to the user where ``step`` is None.
+    note
+        Said in the deck and to the user where there is more to know: what was left out.
 
     Raises
     ------
@@ -97,6 +99,7 @@ class Job(Value):
     material: Material
     step: Compression | None = None
     why_no_step: str = ""
+    note: str = ""
 
     def __post_init__(self) -> None:
         if self.step is not None:
