@@ -181,3 +181,50 @@ def derive(case, points):
 def packed(triangles):
     """The text of a case: one hexadecimal digit an edge."""
     return "".join(f"{edge:x}" for triangle in triangles for edge in triangle) or "-"
+
+
+def marching_cubes(fill, triangles_of):
+    """The surface as an array of triangles (t, 3 corners, 3 coordinates), cube by cube.
+
+    ``triangles_of(case)`` gives triples of edges; coordinates count voxels from the array's corner.
+    """
+    padded = np.pad(fill.astype(float), 1)
+    result = []
+    for i, j, k in np.ndindex(*(n - 1 for n in padded.shape)):
+        values = [padded[i + a, j + b, k + c] for a, b, c in CORNERS]
+        case = sum(1 << c for c in range(8) if values[c] > 127.5)
+        for triangle in triangles_of(case):
+            corners = []
+            for low, high in (ENDS[edge] for edge in triangle):
+                t = (127.5 - values[low]) / (values[high] - values[low])
+                corner = CORNERS[low] + t * (CORNERS[high] - CORNERS[low])
+                corners.append(np.array([i, j, k]) - 0.5 + corner)
+            result.append(corners)
+    return np.array(result).reshape(-1, 3, 3)
+
+
+def canonical(triangles):
+    """Triangles in an order of their own, each from its least corner, rounded to 1e-9."""
+    turned = []
+    for triangle in np.round(np.asarray(triangles), 9).tolist():
+        least = triangle.index(min(triangle))
+        turned.append(triangle[least:] + triangle[:least])
+    return np.array(sorted(turned))
+
+
+def ball(radius, shape, centre):
+    """Fill of a ball, 8 × 8 × 8 samples a voxel; lengths count voxels."""
+    squares = [((np.arange(8 * n) + 0.5) / 8 - c) ** 2 for n, c in zip(shape, centre, strict=True)]
+    inside = squares[0][:, None, None] + squares[1][:, None] + squares[2] <= radius**2
+    nx, ny, nz = shape
+    counts = inside.reshape(nx, 8, ny, 8, nz, 8).sum(axis=(1, 3, 5))
+    return np.round(255 * counts / 512).astype(np.uint8)
+
+
+def main():
+    points = places(parameters())
+    print(*(packed(derive(case, points)) for case in range(256)))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
