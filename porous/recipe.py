@@ -245,7 +245,8 @@ def build(recipe: Recipe) -> Model:
 
 def dump(recipe: Recipe) -> str:
     """Return the recipe as TOML, every default said; the same recipe gives the same text."""
-    return render_table(recipe.model_dump(mode="json", exclude_none=True))
+    table = recipe.model_dump(mode="json", exclude_none=True)
+    return render_table({key: value for key, value in table.items() if value != {}})
 
 
 def schema() -> dict[str, Any]:

@@ -131,11 +131,12 @@ def _lower(text: str) -> str:
 
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
+    below = {key for key, value in table.items() if _is_section(value, top=not path)}
     for key, value in table.items():
-        if not _is_section(value):
+        if key not in below:
             yield f"{_key(key)} = {_value(value, len(key) + 3)}"
     for key, value in table.items():
-        if _is_section(value):
+        if key in below:
             name = f"{path}.{_key(key)}" if path else _key(key)
             single = isinstance(value, dict)
             for part in [value] if single else value:
@@ -144,13 +145,15 @@ def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
                 yield from _lines(part, name)
 
 
-def _is_section(value: object) -> bool:
-    """Tell whether a value is written as a table of its own: long ones, and arrays of tables."""
+def _is_section(value: object, *, top: bool) -> bool:
+    """Tell whether a value is written under a header: every table at the top, long ones below."""
     if isinstance(value, list):
         return bool(value) and all(isinstance(part, dict) for part in value)
     if not isinstance(value, dict):
         return False
-    return any(isinstance(part, dict) for part in value.values()) or len(_inline(value)) > WIDTH
+    return (
+        top or any(isinstance(part, dict) for part in value.values()) or len(_inline(value)) > WIDTH
+    )
 
 
 def _value(value: object, indent: int) -> str:
