@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import re
 import resource
 from pathlib import Path
 
 import psutil
 
-from porous.errors import MemoryLimitError
+from porous.errors import MemoryLimitError, RecipeError
 
 SHARE = 0.8
 """Part of the free memory that porous takes at most."""
+AMOUNT = re.compile(r"(\d{1,15}(?:\.\d{1,3})?)\s*([KMGTP]?)(?:i?B)?", re.IGNORECASE)
 GROUPS = Path("/proc/self/cgroup")
 CONTROL = Path("/sys/fs/cgroup")
 FILES = {
@@ -25,10 +28,27 @@ def available() -> int:
     """Return how many bytes porous may take: 80 % of what is free.
 
     Free is what the machine has left, or the control group that the process runs in (a container,
-    a batch job), or the limit on the process's address space: the least of them.
+    a batch job), or the limit on the process's address space: the least of them. The environment
+    variable POROUS_MAX_MEMORY (``8G``) lowers it.
     """
     free = [psutil.virtual_memory().available, *_address_space(), *group_room(GROUPS, CONTROL)]
-    return int(max(min(free), 0) * SHARE)
+    share = int(max(min(free), 0) * SHARE)
+    wanted = os.environ.get("POROUS_MAX_MEMORY", "")
+    return min(share, parse(wanted)) if wanted else share
+
+
+def parse(text: str) -> int:
+    """Return the bytes that a text such as ``8G``, ``500 MiB`` or ``1000000`` means.
+
+    Raises
+    ------
+    RecipeError
+        Where it is no amount of memory.
+    """
+    match = AMOUNT.fullmatch(text.strip())
+    if match is None or float(match[1]) == 0:
+        raise RecipeError(f"memory: got {text!r}; wanted an amount such as 8G or 500M")
+    return int(float(match[1]) * 1024 ** " KMGTP".index(match[2].upper() or " "))
 
 
 def group_room(groups: Path, control: Path) -> list[int]:
