@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import secrets
+import shutil
 import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 from porous.errors import DiskError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
 TEMPORARY = ".porous-"
 """How the names of unfinished files begin; they stand beside the file that they will become."""
@@ -73,6 +74,65 @@ def remove(path: str | Path) -> None:
         _name(path).unlink(missing_ok=True)
     except OSError as error:
         raise DiskError(f"{path}: cannot be removed: {_reason(error)}") from None
+
+
+@contextlib.contextmanager
+def staging(path: str | Path) -> Iterator[Path]:
+    """Give a hidden folder inside ``path`` to fill; on leaving it is gone, whatever happened.
+
+    ``path`` is created where it is missing, and removed again where the work fails, so that
+    nothing is left behind. ``commit`` moves what was staged into place.
+
+    Raises
+    ------
+    DiskError
+        At once where nothing can be written there; later for files that the disk refuses.
+    """
+    folder = Path(path)
+    with _refusals(folder):
+        missing = _missing(_name(folder))
+    stage = make_folder(folder) / f"{TEMPORARY}{secrets.token_hex(8)}"
+    done = False
+    try:
+        with _refusals(folder):
+            stage.mkdir()
+        yield stage
+        done = True
+    except DiskError as error:
+        # The user knows the folder, not the hidden one inside it.
+        raise DiskError(str(error).replace(str(stage), str(folder))) from None
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+        for place in () if done else reversed(missing):
+            with contextlib.suppress(OSError):
+                place.rmdir()
+
+
+def commit(stage: Path, folder: str | Path, *, last: str, stale: Iterable[str] = ()) -> None:
+    """Move the files of ``stage`` into ``folder``, and ``last`` after all the others.
+
+    The old ``last`` goes first, then the ``stale`` files: a folder that has it is whole.
+    """
+    target = Path(folder)
+    for name in (last, *stale):
+        remove(target / name)
+    with _refusals(target):
+        _sync_folder(target)
+        for file in sorted(stage.iterdir()):
+            if file.name != last:
+                file.replace(target / file.name)
+        _sync_folder(target)
+        (stage / last).replace(target / last)
+        _sync_folder(target)
+
+
+@contextlib.contextmanager
+def _refusals(target: Path) -> Iterator[None]:
+    """Turn what the disk refuses into ``DiskError``."""
+    try:
+        yield
+    except OSError as error:
+        raise DiskError(f"{target}: cannot be written to: {_reason(error)}") from None
 
 
 def _target(path: str | Path) -> Path:
