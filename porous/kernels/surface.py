@@ -233,26 +233,41 @@ def _triangles(bits, base, offset, table, counts_of_case, ids, triangles, first,
 
 
 @kernel
-def _caps(points, triangles, offset, planes, labels, first, last):
+def _caps(shape, points, triangles, offset, bits, counts_of_case, planes, labels, first, last):
     """Label the triangles that lie on the faces of the frame, whose places are ``planes``.
 
-    Only cubes at the border give such: all of the first and last rows, and the first and the
-    last cube, of six triangles at most, of every other row; there only across z.
+    Only cubes at the border give such: across x and y those of the first and the last rows, across
+    z the first and the last cube of each row.
     """
-    nx, ny = offset.shape[0] - 1, offset.shape[1] - 2
+    nx, ny, nz = shape
+    one = uint64(1)
     for i in range(first, last):
         for j in range(ny + 1):
-            start, stop = offset[i, j], offset[i, j + 1]
-            border = i == 0 or i == nx or j == 0 or j == ny
-            skipped = 0 if border else max(stop - start - 12, 0)
-            first_face = 0 if border else 4
-            for n in range(start, stop - skipped):
-                t = n if n < start + 6 else n + skipped
-                a = triangles[t, 0]
-                for face in range(first_face, 6):
-                    axis, plane = face >> 1, planes[face]
+            a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
+            for face in range(6):
+                start, stop = offset[i, j], offset[i, j + 1]
+                if face < 4:
+                    at = i if face < 2 else j
+                    if at != (0 if face == 0 or face == 2 else (nx if face == 1 else ny)):
+                        continue
+                else:
+                    # The case of an end cube, whose other four corners are void.
+                    voxel = uint64(1 if face == 4 else nz)
+                    w, k = voxel >> uint64(6), voxel & uint64(63)
+                    case = (
+                        ((a[w] >> k) & one)
+                        | ((b[w] >> k) & one) << uint64(2)
+                        | ((c[w] >> k) & one) << uint64(4)
+                        | ((d[w] >> k) & one) << uint64(6)
+                    )
+                    if face == 4:
+                        stop = start + counts_of_case[case << one]
+                    else:
+                        start = stop - counts_of_case[case]
+                axis, plane = face >> 1, planes[face]
+                for t in range(start, stop):
                     if (
-                        points[a, axis] == plane
+                        points[triangles[t, 0], axis] == plane
                         and points[triangles[t, 1], axis] == plane
                         and points[triangles[t, 2], axis] == plane
                     ):
@@ -290,7 +305,7 @@ def marching_cubes(
     """
     fill = source(fill, np.uint8)
     nx, ny, nz = fill.shape
-    size = max(1, _VOXELS_PER_SLAB // ((ny + 1) * (nz + 1)))
+    size = max(1, min(_VOXELS_PER_SLAB // ((ny + 1) * (nz + 1)), nx // 8))
     report = _thirds(progress)
     counts_of_case, table = source(COUNTS, np.uint8), source(TRIANGLES, np.uint8)
 
@@ -318,7 +333,11 @@ def marching_cubes(
     planes = np.array(
         [origin[a] + (start[a] + end) * spacing[a] for a in range(3) for end in (0, fill.shape[a])]
     )
-    slabs(nx + 1, size, lambda a, b: _caps(points, triangles, offset, planes, labels, a, b))
+
+    def label(a, b):
+        _caps(fill.shape, points, triangles, offset, bits, counts_of_case, planes, labels, a, b)
+
+    slabs(nx + 1, size, label)
     return points, triangles, labels
 
 

@@ -110,7 +110,8 @@ def indices_checked(cells: NDArray[np.int64], points: int, corners: int, what: s
     """Raise ``MeshError`` where cells are not (n, corners) indices below ``points``."""
     if cells.ndim != 2 or cells.shape[1:] != (corners,):
         raise MeshError(f"{what}: got shape {cells.shape}; wanted (n, {corners})")
-    if cells.size and not 0 <= cells.min() <= cells.max() < points:
+    # One pass over large meshes: seen as unsigned, a negative index is a huge one.
+    if cells.size and int(cells.view(np.uint64).max()) >= points:
         raise MeshError(
             f"{what}: indices run from {cells.min()} to {cells.max()}; there are {points} points"
         )
