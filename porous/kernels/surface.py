@@ -62,15 +62,17 @@ def _pack(fill, bits, first, last):
     for i in range(first, last):
         for j in range(ny):
             row = fill[i, j]
-            out = bits[i + 1, j + 1]
             for w in range(words):
-                low = max(64 * w - 1, 0)
-                high = min(64 * w + 63, nz)
+                low = 64 * w - 1
                 word = uint64(0)
-                shift = low + 1 - 64 * w
-                for k in range(low, high):
-                    word |= uint64(row[k] >> 7) << uint64(shift + k - low)
-                out[w] = word
+                if low >= 0 and low + 64 <= nz:
+                    whole = row[low : low + 64]  # of a length the compiler knows: vectorises
+                    for k in range(64):
+                        word |= uint64(whole[k] >> 7) << uint64(k)
+                else:
+                    for k in range(max(low, 0), min(low + 64, nz)):
+                        word |= uint64(row[k] >> 7) << uint64(k - low)
+                bits[i + 1, j + 1, w] = word
 
 
 @kernel
