@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from porous import disk
-from porous.errors import FormatError, GridError, MeshError
+from porous.errors import FormatError, GridError, MemoryLimitError, MeshError
 from porous.formats.gate import Source, open_source
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from porous.values.value import Value
 
+LONGEST = 400
+"""The longest message about a file, in characters."""
 HELPERS = ("gate",)
 """Files of this folder that are no format; so are those whose name begins with an underscore."""
 
@@ -98,7 +100,9 @@ def read(path: str | Path) -> Value:
     try:
         return form.read(open_source(path))
     except (FormatError, GridError, MeshError) as error:
-        raise FormatError(f"{path}: {error}") from None
+        raise FormatError(f"{path}: {_plain(error)}") from None
+    except MemoryLimitError as error:
+        raise MemoryLimitError(f"{path}: {_plain(error)}") from None
 
 
 def write(value: Value, path: str | Path) -> None:
@@ -130,6 +134,12 @@ def write(value: Value, path: str | Path) -> None:
     disk.write_bytes(path, form.write(value))
 
 
+def _plain(error: Exception) -> str:
+    """Return a message on one line; what a file calls itself must not steer the terminal."""
+    line = " ".join(str(error).split())
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)[:LONGEST]
+
+
 def _find(path: Path) -> Format:
     suffix = path.suffix.lower()
     if suffix[1:] in _stems():
@@ -137,7 +147,8 @@ def _find(path: Path) -> Format:
     known = {s: form for form in formats() for s in form.suffixes}
     if suffix in known:
         return known[suffix]
-    near = get_close_matches(suffix, sorted(known), n=1)
+    alike = [other for other in sorted(known) if other[:2] == suffix[:2]]
+    near = get_close_matches(suffix, alike, n=1)
     hint = f"did you mean {near[0]}? There are" if near else "there are"
     got = f"unknown format {suffix!r}" if suffix else "the name has no suffix to tell its format"
     raise FormatError(f"{path}: {got}; {hint} {', '.join(sorted(known))}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import math
 import os
 import re
 import zlib
@@ -31,6 +32,7 @@ from porous.formats.gate import (
     whole,
 )
 from porous.memory import check_memory
+from porous.values.units import METRES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -51,6 +53,7 @@ STRINGS = 1 << 20
 """The longest array of strings that is read, in bytes."""
 LEVEL = 3
 UNSPEAKABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+UNIT = "metres_per_unit"
 MARK = b"<AppendedData"
 
 
@@ -79,6 +82,10 @@ class Writer:
     def field(self, parent: Element, name: str, values: NDArray[Any]) -> None:
         """Append an array that belongs to the whole file."""
         self.array(parent, name, values, NumberOfTuples=str(len(values)))
+
+    def unit(self, parent: Element, unit: str) -> None:
+        """Say the unit of length as a number: not every reader of VTK's files knows texts."""
+        self.field(parent, UNIT, np.array([METRES[unit]]))
 
     def strings(self, parent: Element, name: str, values: Sequence[str]) -> None:
         """Write short texts in place, as VTK does: the codes of their characters, ended by 0."""
@@ -213,6 +220,18 @@ def word(document: Document, fields: dict[str, Element], name: str, default: str
     if len(texts) != 1:
         refuse(name, texts, "one text")
     return texts[0]
+
+
+def unit_of(document: Document, fields: dict[str, Element]) -> str:
+    """Return the unit of length of a file; millimetres where it says nothing."""
+    if UNIT not in fields:
+        return "mm"
+    metres = float(document.array(fields[UNIT], 1, UNIT)[0])
+    for unit, length in METRES.items():
+        if math.isclose(metres, length, rel_tol=1e-6):
+            return unit
+    lengths = ", ".join(f"{length} ({unit})" for unit, length in METRES.items())
+    return refuse(UNIT, metres, f"one of {lengths}")
 
 
 def vector(element: Element, name: str, count: int, default: str | None = None) -> list[float]:

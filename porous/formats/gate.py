@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import stat
 import warnings
 import zlib
@@ -33,6 +34,7 @@ RATIO = 1032
 """Deflate makes at most this many bytes of one (zlib, "Maximum Expansion Factor")."""
 ELEMENTS, DEPTH = 10_000, 64
 """The most elements and the deepest nesting of an XML file's head."""
+LONG_TAG = re.compile(rb"<[^<>]{%d}" % HEADER)
 TOKEN = 64
 """The longest number that is read, in characters."""
 STEP = 1 << 18
@@ -64,7 +66,7 @@ def open_source(path: str | Path) -> Source:
             raise FormatError("is not a regular file")
         if not status.st_size:
             raise FormatError("is empty")
-        check_memory(2 * status.st_size, f"{path}: reading it", "Cut it into parts.")
+        check_memory(2 * status.st_size, "its bytes", "Cut it into parts.")
         try:
             return Source(str(path), stream.readall())
         except OSError as error:
@@ -138,6 +140,8 @@ def integer(text: str | bytes | None, what: str) -> int:
 
 def markup(text: bytes) -> Element:
     """Parse XML that has no document type, no entities, few elements and little depth."""
+    if LONG_TAG.search(text):
+        raise FormatError(f"XML: a tag of more than {HEADER} characters")
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     parser.buffer_text = True

@@ -8,9 +8,10 @@ material file is ever opened.
 from __future__ import annotations
 
 import io
+import re
 from array import array
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,6 @@ from porous.errors import FormatError
 from porous.formats._registry import Format
 from porous.formats.gate import HEADER, few, integer, refuse
 from porous.values import SurfaceMesh
-from porous.values.units import METRES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 SLAB = 100_000
 PARTS = 2**15 - 1
-UNIT = b"# unit "
+HEAD = re.compile(rb"# porous: unit (\w+), (\d{1,18}) points, (\d{1,18}) triangles\s*")
+"""Our first line: the unit, and what tells a file that was cut short."""
 
 
 @dataclass
@@ -39,6 +40,11 @@ class _Draft:
     names: dict[str, int] = field(default_factory=dict)
     part: int = -1
     unit: str = "mm"
+    counts: tuple[int, int] | None = None
+
+    def head(self, words: re.Match[bytes]) -> None:
+        self.unit = words[1].decode("ascii", "replace")
+        self.counts = int(words[2]), int(words[3])
 
     def point(self, words: list[bytes]) -> None:
         if len(words) < 3:
@@ -52,6 +58,7 @@ class _Draft:
             raise FormatError(f"more than {PARTS} groups")
 
     def face(self, words: list[bytes]) -> None:
+        words = list(takewhile(lambda word: not word.startswith(b"#"), words))
         if len(words) < 3:
             refuse("a face", len(words), "at least three corners")
         if self.part < 0:
@@ -84,8 +91,8 @@ def read(source: Source) -> SurfaceMesh:
         try:
             if words and words[0] in ACTS:
                 ACTS[words[0]](draft, words[1:])
-            elif line.startswith(UNIT):
-                draft.unit = _unit(line)
+            elif place == 1 and (head := HEAD.fullmatch(line)):
+                draft.head(head)
         except FormatError as error:
             raise FormatError(f"line {place}: {error}") from None
     return _surface(draft)
@@ -94,8 +101,9 @@ def read(source: Source) -> SurfaceMesh:
 def write(surface: SurfaceMesh) -> Iterator[bytes]:
     """Write points and triangles in their order, a group line wherever the part changes."""
     names = [_group(name) for name in surface.names]
-    head = [f"# porous\n# unit {surface.unit}\n", *names]  # all groups first: they keep their order
-    yield "".join(head).encode()
+    counts = f"{len(surface.points)} points, {len(surface.triangles)} triangles"
+    yield f"# porous: unit {surface.unit}, {counts}\n".encode()
+    yield "".join(names).encode()  # all groups first: so they keep their order
     for start in range(0, len(surface.points), SLAB):
         rows = surface.points[start : start + SLAB].tolist()
         yield "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in rows).encode()
@@ -113,11 +121,6 @@ def write(surface: SurfaceMesh) -> Iterator[bytes]:
         yield "".join(lines).encode()
 
 
-def _unit(line: bytes) -> str:
-    unit = line[len(UNIT) :].strip().decode("utf-8", "replace")
-    return unit if unit in METRES else "mm"
-
-
 def _group(name: str) -> str:
     return f"g {' '.join(name.split()) or 'default'}\n"
 
@@ -126,6 +129,9 @@ def _surface(draft: _Draft) -> SurfaceMesh:
     triangles = np.array(draft.triangles, dtype=np.int64).reshape(-1, 3)
     if not len(triangles):
         raise FormatError("no faces; wanted at least one")
+    if draft.counts not in (None, (len(draft.points) // 3, len(triangles))):
+        got = (len(draft.points) // 3, len(triangles))
+        refuse("points and triangles", got, f"{draft.counts}, as the first line says")
     points = np.array(draft.points).reshape(-1, 3)
     labels = np.array(draft.labels, dtype=np.int16)
     return SurfaceMesh(points, triangles, draft.unit, labels, tuple(draft.names))

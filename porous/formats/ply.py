@@ -2,8 +2,8 @@
 
 Read: text, and binary of either byte order; polygons are fanned about their first corner; elements
 and properties that are not asked for are stepped over. Written: binary, little-endian, points in
-double precision, triangles, and each one's part as the face property ``label``; the parts' names
-and the unit are comments, so what is written reads back equal.
+double precision, triangles, and, where there are several parts, each one's as the face property
+``label``; the parts' names and the unit are comments, so what is written reads back equal.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ NAMES = {
 TYPES = {name: form for form, names in NAMES.items() for name in names}
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 CORNERS = ("vertex_indices", "vertex_index")
-FACE = np.dtype([("n", "u1"), ("corners", "<i4", 3), ("label", "<i2")])
+FACE = np.dtype([("n", "u1"), ("corners", "<i4", 3)])
+PARTS = np.dtype([*FACE.descr, ("label", "<i4")])
+"""A surface of one part has no labels: not every reader knows properties of faces."""
 SLAB = 100_000
 END = b"end_header"
 
@@ -86,27 +88,30 @@ def write(surface: SurfaceMesh) -> Iterator[bytes]:
     if len(surface.points) > np.iinfo(np.int32).max:
         raise FormatError("more points than PLY can number; wanted at most 2147483647")
     assert surface.labels is not None
+    form = FACE if surface.names == ("WALL",) else PARTS
     yield _heading(surface).encode("ascii")
     yield surface.points.astype("<f8", copy=False).tobytes()
     for start in range(0, len(surface.triangles), SLAB):
         stop = start + SLAB
-        faces = np.empty(len(surface.triangles[start:stop]), FACE)
+        faces = np.empty(len(surface.triangles[start:stop]), form)
         faces["n"], faces["corners"] = 3, surface.triangles[start:stop]
-        faces["label"] = surface.labels[start:stop]
+        if form is PARTS:
+            faces["label"] = surface.labels[start:stop]
         yield faces.tobytes()
 
 
 def _heading(surface: SurfaceMesh) -> str:
+    names = () if surface.names == ("WALL",) else surface.names
     lines = [
         "ply",
         "format binary_little_endian 1.0",
         f"comment unit {surface.unit}",
-        *(f"comment label {json.dumps(name)}" for name in surface.names),
+        *(f"comment label {json.dumps(name)}" for name in names),
         f"element vertex {len(surface.points)}",
         *(f"property double {axis}" for axis in "xyz"),
         f"element face {len(surface.triangles)}",
         "property list uchar int vertex_indices",
-        "property short label",
+        *["property int label"] * bool(names),
         END.decode(),
     ]
     return "\n".join(lines) + "\n"

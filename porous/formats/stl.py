@@ -33,7 +33,8 @@ PREFIX = 84
 FAR = 4.0
 """A body whose farthest coordinate is more than this many of its own lengths is moved."""
 SLAB = 100_000
-TITLE = re.compile(rb"\s*(?:end)?solid\b[^\n]*", re.IGNORECASE)
+SPACE = re.compile(rb"\s*")
+TITLE = re.compile(rb"\s*(end)?solid\b[^\n]*", re.IGNORECASE)
 VERTEX = rb"\s+vertex" + 3 * rb"\s+(\S{1,64})"
 TEXT = re.compile(
     rb"\s*facet\s+normal(?:\s+\S{1,64}){3}\s+outer\s+loop" + 3 * VERTEX + rb"\s+endloop\s+endfacet",
@@ -113,18 +114,20 @@ def _header(text: bytes) -> tuple[str, NDArray[np.float64]]:
 
 
 def _read_text(data: bytes) -> NDArray[np.float64]:
-    corners, place, count = array("d"), 0, 0
-    while rest := data[place : place + 256].strip():
+    corners, place, count, ended = array("d"), 0, 0, False
+    while (place := SPACE.match(data, place).end()) < len(data):  # type: ignore[union-attr]
         if title := TITLE.match(data, place):
-            place = title.end()
+            place, ended = title.end(), bool(title[1])
             continue
         count += 1
         match = TEXT.match(data, place)
         if match is None:
             wanted = "facet normal …, outer loop, three vertices, endloop, endfacet"
-            refuse(f"facet {count}", rest[:30].decode("utf-8", "replace"), wanted)
+            refuse(f"facet {count}", data[place : place + 30].decode("utf-8", "replace"), wanted)
         corners.extend(few(list(match.groups()), f"facet {count}"))
-        place = match.end()
+        place, ended = match.end(), False
+    if not ended:
+        raise FormatError(f"the text ends after {count} facets; wanted endsolid")
     return np.array(corners).reshape(-1, 3, 3)
 
 

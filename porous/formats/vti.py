@@ -15,8 +15,8 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats._registry import Format
-from porous.formats._vtk import Document, Writer, child, named, vector, word
-from porous.formats.gate import refuse, whole
+from porous.formats._vtk import Document, Writer, child, named, unit_of, vector, word
+from porous.formats.gate import RATIO, need, refuse, whole
 from porous.memory import check_memory
 from porous.values import Frame, VoxelGrid
 
@@ -41,6 +41,7 @@ def read(source: Source) -> VoxelGrid:
     fields = named(image.find("FieldData"))
     frame = _frame(document, image, fields)
     shape = " × ".join(map(str, frame.shape))
+    need(frame.size, RATIO * len(source.data), f"a grid of {shape} voxels")
     check_memory(4 * frame.size, f"a grid of {shape} voxels", "Cut it into parts.")
     arrays = named(child(image, "Piece").find("CellData"))
     name = _chosen(arrays)
@@ -61,7 +62,7 @@ def write(grid: VoxelGrid) -> Iterator[bytes]:
     image.set("Origin", _spell(frame.origin))
     image.set("Spacing", _spell(frame.spacing))
     fields = SubElement(image, "FieldData")
-    writer.strings(fields, "unit", [frame.unit])
+    writer.unit(fields, frame.unit)
     writer.strings(fields, "sampling", [grid.sampling])
     writer.field(fields, "periodic", np.array(frame.periodic, dtype=np.uint8))
     if grid.hausdorff is not None:
@@ -90,7 +91,7 @@ def _frame(document: Document, image: Element, fields: dict[str, Element]) -> Fr
         vector(image, "Spacing", 3, "1 1 1"),  # type: ignore[arg-type]
         (extent[1::2] - extent[::2]).tolist(),
         _periodic(document, fields),
-        word(document, fields, "unit", "mm"),
+        unit_of(document, fields),
         extent[::2].tolist(),
     )
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats._registry import Format
-from porous.formats._vtk import Document, Writer, child, named, word
-from porous.formats.gate import integer, need, refuse
+from porous.formats._vtk import Document, Writer, child, named, unit_of
+from porous.formats.gate import integer, refuse
 from porous.values import SHAPES, Block, Part, VolumeMesh
 from porous.values.volume_mesh import PART_KINDS
 
@@ -46,7 +46,7 @@ def read(source: Source) -> VolumeMesh:
         tuple(_block(shape, nodes, starts[cells]) for shape, cells in runs),
         _tags(document, named(piece.find("CellData")), order),
         _parts(document, fields),
-        word(document, fields, "unit", "mm"),
+        unit_of(document, fields),
     )
 
 
@@ -73,10 +73,9 @@ def write(mesh: VolumeMesh) -> Iterator[bytes]:
 
 
 def _write_fields(writer: Writer, fields: Element, mesh: VolumeMesh) -> None:
-    writer.strings(fields, "unit", [mesh.unit])
-    writer.strings(fields, "blocks", [block.shape for block in mesh.blocks])
-    lengths = [len(block.cells) for block in mesh.blocks]
-    writer.field(fields, "block_cells", np.array(lengths, dtype=np.int64))
+    writer.unit(fields, mesh.unit)
+    rows = [(SHAPES[block.shape].vtk, len(block.cells)) for block in mesh.blocks]
+    writer.field(fields, "blocks", np.array(rows, dtype=np.int64).reshape(-1, 2))
     for name, part in mesh.parts.items():
         writer.field(fields, f"{part.kind}:{name}", part.members)
 
@@ -115,20 +114,19 @@ def _runs(
     document: Document, fields: dict[str, Element], types: NDArray[np.uint8]
 ) -> list[tuple[str, NDArray[np.int64]]]:
     """Return for each block its shape and the numbers of its cells in the file."""
-    if "blocks" not in fields or "block_cells" not in fields:
-        numbers = [int(v) for v in np.unique(types)]
-        return [(SHAPE_OF[number], np.flatnonzero(types == number)) for number in numbers]
-    shapes = document.strings(fields["blocks"], "blocks")
-    lengths = document.array(fields["block_cells"], len(shapes), "block_cells").tolist()
-    for length in lengths:
-        need(length, len(types), "a block", unit="cells")
-    if sum(lengths) != len(types) or not set(shapes) <= set(SHAPES):
-        refuse("blocks", list(zip(shapes, lengths, strict=True)), f"{len(types)} cells in all")
+    if "blocks" not in fields:
+        kinds = np.unique(types).tolist()
+        return [(SHAPE_OF[kind], np.flatnonzero(types == kind)) for kind in kinds]
+    element = fields["blocks"]
+    count = integer(element.get("NumberOfTuples"), "NumberOfTuples of blocks")
+    rows = document.array(element, 2 * count, "blocks").astype(np.int64).reshape(-1, 2)
+    kinds, lengths = rows[:, 0].tolist(), rows[:, 1].tolist()
+    right = set(kinds) <= set(SHAPE_OF) and min(lengths, default=0) >= 0
+    if not right or sum(lengths) != len(types) or (np.repeat(kinds, lengths) != types).any():
+        refuse("blocks", rows.tolist(), f"types and counts of the {len(types)} cells")
     ends = np.cumsum([0, *lengths]).tolist()
-    runs = [(s, np.arange(a, b)) for s, a, b in zip(shapes, ends, ends[1:], strict=False)]
-    if any((types[cells] != SHAPES[shape].vtk).any() for shape, cells in runs):
-        raise FormatError("blocks: the shapes disagree with the cells' types")
-    return runs
+    spans = zip(kinds, ends, ends[1:], strict=False)
+    return [(SHAPE_OF[kind], np.arange(a, b)) for kind, a, b in spans]
 
 
 def _block(shape: str, nodes: NDArray[np.int64], starts: NDArray[np.int64]) -> Block:
