@@ -7,11 +7,19 @@ whatever the number of slabs and threads.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from porous.kernels._shared import kernel, slabs, source
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Axes = tuple[bool, bool, bool]
+    Progress = Callable[[int, int], None]
 
 SLAB = 1 << 22
 """Voxels that one kernel call looks at, about."""
@@ -21,28 +29,34 @@ class Runs(NamedTuple):
     """The set voxels of a grid as labelled runs along z, in raster order.
 
     Run r covers voxels ``starts[r]`` … ``stops[r]`` (not within) of row ``i · ny + j``; the runs of
-    a row are ``offsets[row]`` … ``offsets[row + 1]``. ``labels`` count from 0 to ``count`` − 1.
+    a row are ``offsets[row]`` … ``offsets[row + 1]``. ``labels`` count from 0 to ``total`` − 1.
     """
 
-    offsets: np.ndarray
-    starts: np.ndarray
-    stops: np.ndarray
-    labels: np.ndarray
-    count: int
+    offsets: NDArray[np.int64]
+    starts: NDArray[np.int32]
+    stops: NDArray[np.int32]
+    labels: NDArray[np.int32]
+    total: int
 
     @property
-    def sizes(self):
-        """Number of voxels of each component, int64, shape (count,)."""
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of voxels of each component, int64, shape (total,)."""
         lengths = (self.stops - self.starts).astype(np.int64)
-        return np.bincount(self.labels, lengths, self.count).astype(np.int64)
+        return np.bincount(self.labels, lengths, self.total).astype(np.int64)
 
     @property
-    def rows(self):
+    def rows(self) -> NDArray[np.int64]:
         """Row of each run, int64."""
         return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
 
 
-def label_runs(mask, connectivity, *, periodic=(False, False, False), progress=None):
+def label_runs(
+    mask: NDArray[np.bool_],
+    connectivity: int,
+    *,
+    periodic: Axes = (False, False, False),
+    progress: Progress | None = None,
+) -> Runs:
     """Find the connected components of a mask.
 
     Parameters
@@ -83,7 +97,9 @@ def label_runs(mask, connectivity, *, periodic=(False, False, False), progress=N
     return Runs(offsets, starts, stops, parent, int(_settle(parent)))
 
 
-def label(mask, connectivity, *, periodic=(False, False, False)):
+def label(
+    mask: NDArray[np.bool_], connectivity: int, *, periodic: Axes = (False, False, False)
+) -> tuple[NDArray[np.int32], int]:
     """Label the connected components of a mask.
 
     Parameters
@@ -108,7 +124,7 @@ def label(mask, connectivity, *, periodic=(False, False, False)):
         per_call,
         lambda a, b: _paint(runs.offsets, runs.starts, runs.stops, runs.labels, a, b, rows),
     )
-    return labels, runs.count
+    return labels, runs.total
 
 
 def _runs_of(given, planes):

@@ -15,10 +15,20 @@ from __future__ import annotations
 
 from itertools import product
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from porous.kernels._shared import kernel, slabs, source
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Axes = tuple[bool, bool, bool]
+    Index = tuple[int, int, int]
+    Progress = Callable[[int, int], None]
 
 _BITS = ((np.arange(256)[:, None] >> np.arange(8)) & 1).astype(bool)
 
@@ -115,7 +125,12 @@ SLAB = 1 << 22
 """Voxels that one kernel call looks at, about: milliseconds of work, a cache's worth of bits."""
 
 
-def window_histogram(fill, *, periodic=(False, False, False), progress=None):
+def window_histogram(
+    fill: NDArray[np.uint8],
+    *,
+    periodic: Axes = (False, False, False),
+    progress: Progress | None = None,
+) -> NDArray[np.int64]:
     """Count the 2×2×2 windows of a whole grid, solid where ``fill`` ≥ 128.
 
     Parameters
@@ -134,7 +149,15 @@ def window_histogram(fill, *, periodic=(False, False, False), progress=None):
     return tile_histogram(fill, (0, 0, 0), fill.shape, periodic=periodic, progress=progress)
 
 
-def tile_histogram(fill, start, stop, *, periodic=(False, False, False), progress=None):
+def tile_histogram(
+    fill: NDArray[np.uint8],
+    start: Index,
+    stop: Index,
+    *,
+    periodic: Axes = (False, False, False),
+    beyond: str = "void",
+    progress: Progress | None = None,
+) -> NDArray[np.int64]:
     """Count the windows of the tile ``start`` … ``stop`` (not within) of a grid.
 
     A tile has the lattice vertices at the lower corners of its voxels, and those at the upper end
@@ -148,15 +171,20 @@ def tile_histogram(fill, start, stop, *, periodic=(False, False, False), progres
         First voxel, and the one after the last, per axis.
     periodic, progress
         As in ``window_histogram``.
+    beyond
+        What lies outside the grid along axes that are not periodic: ``"void"``, or ``"nothing"``,
+        so that windows which look there are not counted.
 
     Returns
     -------
     int64, shape (256,).
     """
     xs, ys, zs = (
-        _reach(*ends, n, wraps)
-        for *ends, n, wraps in zip(start, stop, fill.shape, periodic, strict=True)
+        _reach(first, last, n, wraps, beyond)
+        for first, last, n, wraps in zip(start, stop, fill.shape, periodic, strict=True)
     )
+    if min(len(xs), len(ys), len(zs)) < 2:
+        return np.zeros(256, np.int64)
     given = source(fill, np.uint8)
     planes = max(1, SLAB // (len(ys) * len(zs)))
     count = len(xs) - 1
@@ -171,11 +199,11 @@ def tile_histogram(fill, start, stop, *, periodic=(False, False, False), progres
     return result.sum(axis=0)
 
 
-def _reach(start, stop, n, wraps):
+def _reach(start, stop, n, wraps, beyond):
     """Return the voxels that a tile's windows see along an axis; −1 is void."""
-    below = start - 1 if start else (n - 1 if wraps else -1)
-    above = [-1] if stop == n and not wraps else []
-    return np.array([below, *range(start, stop), *above], np.int64)
+    end = [-1] if beyond == "void" and not wraps else []
+    below = [start - 1] if start else ([n - 1] if wraps else end)
+    return np.array([*below, *range(start, stop), *(end if stop == n else [])], np.int64)
 
 
 @kernel
@@ -185,7 +213,8 @@ def _pack(fill, xs, ys, zs, bits):
     Between its ends ``zs`` counts upwards by one; bits beyond it are clear.
     """
     length = len(zs)
-    first = zs[1]
+    # Only the ends may be void or wrapped; between them zs counts upwards.
+    first = zs[1] - 1
     for i in range(len(xs)):
         for j in range(len(ys)):
             row = bits[i, j]
@@ -201,7 +230,7 @@ def _pack(fill, xs, ys, zs, bits):
                 high = min(64 * w + 64, stop)
                 word = np.uint64(0)
                 for p in range(low, high):
-                    word |= np.uint64(line[first + p - 1] >> 7) << np.uint64(p - 64 * w)
+                    word |= np.uint64(line[first + p] >> 7) << np.uint64(p - 64 * w)
                 row[w] |= word
 
 

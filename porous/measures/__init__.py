@@ -1,1 +1,69 @@
-"""Room under construction."""
+"""What is known: one function per measure, and ``measure`` for all that a subject can tell.
+
+Measures of a grid are folds: counts of tiles that add up, and what follows from their sum.
+"""
+
+from porous.measures._fold import fold, tiles_of
+from porous.measures._hausdorff import hausdorff_distance
+from porous.measures._measure import measure
+from porous.measures._mesh import smallest_dihedral_angle, smallest_scaled_jacobian
+from porous.measures._model import (
+    affinity_dimension,
+    finest_printable_level,
+    similarity_dimension,
+    smallest_feature,
+    smallest_pore,
+)
+from porous.measures._pores import (
+    closed_porosity,
+    open_porosity,
+    through_porosity_x,
+    through_porosity_y,
+    through_porosity_z,
+)
+from porous.measures._porosity import porosity, relative_density
+from porous.measures._surface_area import (
+    interface_area,
+    specific_surface_area,
+    surface_area,
+)
+from porous.measures._topology import (
+    components,
+    components_26,
+    euler_number,
+    euler_number_26,
+    genus,
+    genus_26,
+)
+from porous.measures._volume import volume
+
+__all__ = [
+    "affinity_dimension",
+    "closed_porosity",
+    "components",
+    "components_26",
+    "euler_number",
+    "euler_number_26",
+    "finest_printable_level",
+    "fold",
+    "genus",
+    "genus_26",
+    "hausdorff_distance",
+    "interface_area",
+    "measure",
+    "open_porosity",
+    "porosity",
+    "relative_density",
+    "similarity_dimension",
+    "smallest_dihedral_angle",
+    "smallest_feature",
+    "smallest_pore",
+    "smallest_scaled_jacobian",
+    "specific_surface_area",
+    "surface_area",
+    "through_porosity_x",
+    "through_porosity_y",
+    "through_porosity_z",
+    "tiles_of",
+    "volume",
+]

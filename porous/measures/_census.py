@@ -1,0 +1,118 @@
+"""The counts of a grid, each taken once, when a measure first asks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.kernels.fills import tile_fills
+from porous.kernels.windows import FUNCTIONALS, tile_histogram
+from porous.measures._connected import Phase, Pieces, joined
+from porous.measures._fold import fold, tiles_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from porous.measures._fold import Index, Tile
+    from porous.values import Frame, VoxelGrid
+
+
+@dataclass(frozen=True)
+class FillCounts:
+    """How many voxels there are by fill and bulk, int64 (256, 256), and how many sharp faces.
+
+    A face is sharp where a full voxel meets an empty one: the surface lies in one of them, but
+    no sample has told.
+    """
+
+    histogram: NDArray[np.int64]
+    jumps: int
+
+    def __add__(self, other: FillCounts) -> FillCounts:
+        return FillCounts(self.histogram + other.histogram, self.jumps + other.jumps)
+
+
+def count_fills(grid: VoxelGrid, start: Index, stop: Index) -> FillCounts:
+    """Count the fills of a tile; ``FillCounts`` add up."""
+    periodic = grid.frame.periodic
+    return FillCounts(*tile_fills(grid.fill, grid.bulk, start, stop, periodic=periodic))
+
+
+def count_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[np.int64]:
+    """Count the 2×2×2 windows of a tile, int64 (256,); histograms add up."""
+    result: NDArray[np.int64] = tile_histogram(grid.fill, start, stop, periodic=grid.frame.periodic)
+    return result
+
+
+def count_inner_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[np.int64]:
+    """Count the windows of a tile that lie inside the grid or across its periodic sides."""
+    result: NDArray[np.int64] = tile_histogram(
+        grid.fill, start, stop, periodic=grid.frame.periodic, beyond="nothing"
+    )
+    return result
+
+
+class Census:
+    """What the measures of a grid are made of.
+
+    Parameters
+    ----------
+    grid
+        The body.
+    tiles
+        Boxes of voxels that fill it; slabs of its own choice where not given. The counts do not
+        depend on them.
+    """
+
+    def __init__(self, grid: VoxelGrid, *, tiles: Sequence[Tile] | None = None) -> None:
+        self.grid = grid
+        self.tiles = tiles_of(grid.frame.shape) if tiles is None else tuple(tiles)
+        self._pieces: dict[Phase, Pieces] = {}
+
+    @property
+    def frame(self) -> Frame:
+        """The grid's frame."""
+        return self.grid.frame
+
+    @cached_property
+    def fills(self) -> FillCounts:
+        """Voxels by fill and bulk."""
+        return fold(count_fills, self.grid, self.tiles)
+
+    @cached_property
+    def windows(self) -> NDArray[np.int64]:
+        """Windows of the solid in vacuum or periodic space."""
+        return fold(count_windows, self.grid, self.tiles)
+
+    @cached_property
+    def inner_windows(self) -> NDArray[np.int64]:
+        """Windows that do not look beyond the frame."""
+        return fold(count_inner_windows, self.grid, self.tiles)
+
+    def number(self, functional: str) -> int:
+        """Return one of ``kernels.windows.FUNCTIONALS`` of the solid."""
+        return int(self.windows @ FUNCTIONALS[functional])
+
+    def pieces(self, *, solid: bool, connectivity: int, in_bulk: bool = False) -> Pieces:
+        """Return the connected components of a phase."""
+        phase = Phase(solid, connectivity, in_bulk, *self._bulk_layers)
+        if phase not in self._pieces:
+            counts = fold(phase.count, self.grid, self.tiles)
+            self._pieces[phase] = joined(counts)
+        return self._pieces[phase]
+
+    @cached_property
+    def _bulk_layers(self) -> tuple[Index, Index]:
+        nx, ny, nz = self.frame.shape
+        if self.grid.bulk is None:
+            return (0, 0, 0), (nx - 1, ny - 1, nz - 1)
+        body = self.grid.bulk >= 128
+        found = [np.flatnonzero(body.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))]
+        first = tuple(int(layers[0]) if len(layers) else 0 for layers in found)
+        last = tuple(int(layers[-1]) if len(layers) else 0 for layers in found)
+        return first, last  # type: ignore[return-value]

@@ -1,0 +1,129 @@
+"""All that is known of a subject, by one call."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from porous.measures import _pores, _porosity, _surface_area, _topology
+from porous.measures._census import Census
+from porous.measures._mesh import (
+    SURFACE,
+    TOPOLOGY,
+    VOLUME,
+    SurfaceCensus,
+    VolumeCensus,
+    of_bulk,
+)
+from porous.measures._model import model_rows
+from porous.measures._porosity import Amounts
+from porous.measures._surface_area import surface_doubt
+from porous.values import Measures, SurfaceMesh, VolumeMesh, VoxelGrid
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from porous.measures._answer import Table
+    from porous.models.model import Model
+    from porous.values import Measure
+
+    Subject = Model | VoxelGrid | SurfaceMesh | VolumeMesh
+    Axes = tuple[bool, bool, bool]
+
+GRID: Table[Census] = {**_porosity.GRID, **_pores.GRID, **_surface_area.GRID, **_topology.GRID}
+"""Every row of a grid, by name and method."""
+
+TETRAHEDRA = 1e-3
+"""Part of the volume by which a tetrahedral mesh may differ from the surface that it fills."""
+
+EXACT = "exact boundary"
+
+
+def measure(
+    subject: Subject, *, model: Model | None = None, grid: VoxelGrid | None = None
+) -> Measures:
+    """Return all that is known of a model, a grid, a surface or a volume mesh.
+
+    Parameters
+    ----------
+    subject
+        What to measure. A model gives its closed forms and dimensions.
+    model
+        The model whose exact boundary a surface is (or whose exact boundary a mesh fills): its
+        bulk then gives porosity and specific surface.
+    grid
+        The grid that a surface or a mesh was made from: uncertainties are then those of that
+        detour, caps across periodic axes are no surface, and porosity refers to the grid's bulk.
+        For a model, the grid whose periodicity its closed forms shall have.
+
+    Returns
+    -------
+    Measures
+        A surface and a mesh that came from neither are taken for the body itself.
+
+    Raises
+    ------
+    GridError, MeshError
+        Where there is nothing to measure.
+    """
+    if isinstance(subject, VoxelGrid):
+        return Measures(tuple(_grid_rows(subject)))
+    if isinstance(subject, SurfaceMesh):
+        return Measures(tuple(_surface_rows(subject, model, grid)))
+    if isinstance(subject, VolumeMesh):
+        return Measures(tuple(_mesh_rows(subject, model, grid)))
+    periodic = (False, False, False) if grid is None else grid.frame.periodic
+    return Measures(tuple(model_rows(subject, periodic)))
+
+
+def _grid_rows(grid: VoxelGrid) -> Iterator[Measure]:
+    census = Census(grid)
+    for (name, _), row in GRID.items():
+        if not (name.startswith("genus") and any(grid.frame.periodic)):
+            yield row(census)
+
+
+def _surface_rows(
+    surface: SurfaceMesh, model: Model | None, grid: VoxelGrid | None
+) -> Iterator[Measure]:
+    periodic = (False, False, False) if grid is None else grid.frame.periodic
+    if grid is None:
+        census = SurfaceCensus(surface, method="triangles" if model is None else EXACT)
+    else:
+        doubts = surface_doubt(Census(grid), surface)
+        census = SurfaceCensus(
+            surface, volume_doubt=doubts[0], area_doubt=doubts[1], periodic=periodic
+        )
+    rows = {name: row(census) for (name, _), row in SURFACE.items()}
+    yield from _told(rows, periodic)
+    bulk = _bulk_volume(model, grid)
+    if bulk is not None:
+        yield from of_bulk(rows["volume"], rows["surface_area"], bulk)
+
+
+def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: VoxelGrid | None) -> Iterator[Measure]:
+    census = VolumeCensus(mesh)
+    total = float(census.volumes.sum())
+    if census.method == "tetrahedra" and (model is not None or grid is not None):
+        census.volume_doubt += TETRAHEDRA * total
+    if grid is not None:
+        amounts, voxel = Amounts(Census(grid)), grid.frame.voxel_volume
+        census.volume_doubt += abs(total - amounts.everywhere * voxel) + amounts.doubt * voxel
+    rows = {name: row(census) for name, row in VOLUME.items()}
+    periodic = (False, False, False) if grid is None else grid.frame.periodic
+    yield from _told(rows, periodic)
+    bulk = _bulk_volume(model, grid)
+    if bulk is not None:
+        yield from of_bulk(rows["volume"], None, bulk)
+
+
+def _told(rows: Mapping[str, Measure], periodic: Axes) -> Iterator[Measure]:
+    """Yield the rows that a body cut out of periodic space can tell of it."""
+    for name, row in rows.items():
+        if not (any(periodic) and name in TOPOLOGY):
+            yield row
+
+
+def _bulk_volume(model: Model | None, grid: VoxelGrid | None) -> float | None:
+    if grid is not None:
+        return Amounts(Census(grid)).bulk * grid.frame.voxel_volume
+    return None if model is None else model.bulk.volume

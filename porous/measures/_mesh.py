@@ -1,0 +1,311 @@
+"""What surfaces and volume meshes say of the solid, and how well shaped their elements are."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import MeshError
+from porous.values import SHAPES, Measure
+from porous.values.surface_topology import euler_number, pieces
+from porous.values.volume_topology import Faces, bodies, faces
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from porous.measures._answer import Table
+    from porous.values import SurfaceMesh, VolumeMesh
+
+    Floats = NDArray[np.float64]
+    Indices = NDArray[np.int64]
+
+CAPS = ("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX")
+"""Names of the triangles that close a surface where the frame cuts it."""
+
+ROUNDING = 4e-16
+"""Relative error of a sum of products of coordinates, per term's size; numpy sums in pairs."""
+
+
+class SurfaceCensus:
+    """What the measures of a surface are made of.
+
+    Parameters
+    ----------
+    surface
+        Closed and oriented, else volume and topology mean nothing.
+    method
+        How the surface was made, the rows' method: ``"triangles"``, or ``"exact boundary"``.
+    volume_doubt, area_doubt
+        Uncertainties as measures of the body that the surface stands for, in its unit; zero where
+        the surface is the body.
+    periodic
+        Axes along which the body goes on: caps across them are not of its surface.
+    """
+
+    def __init__(
+        self,
+        surface: SurfaceMesh,
+        *,
+        method: str = "triangles",
+        volume_doubt: float = 0.0,
+        area_doubt: float = 0.0,
+        periodic: tuple[bool, bool, bool] = (False, False, False),
+    ) -> None:
+        self.surface = surface
+        self.method = method
+        self.periodic = periodic
+        self.areas: Floats = np.linalg.norm(surface.area_vectors, axis=1)
+        area, size = float(self.areas.sum()), float(np.abs(surface.corners).max(initial=0.0))
+        self.area_doubt = area_doubt + ROUNDING * len(self.areas) ** 0.5 * area
+        self.volume_doubt = volume_doubt + ROUNDING * size * area
+
+    @cached_property
+    def shells(self) -> Indices:
+        """Which piece each triangle is of; pieces hang by edges."""
+        return pieces(self.surface)
+
+    @cached_property
+    def shell_volumes(self) -> Floats:
+        """Volume that each piece encloses, negative about a cavity, in its unit cubed."""
+        if not len(self.shells):
+            return np.zeros(0)
+        reference = self.surface.points[self.surface.triangles[:, 0]].mean(axis=0)
+        heights = self.surface.corners.mean(axis=1) - reference
+        cones = np.einsum("ij,ij->i", heights, self.surface.area_vectors) / 3
+        return np.asarray(np.bincount(self.shells, cones), np.float64)
+
+    @cached_property
+    def euler_number(self) -> int:
+        """Vertices − edges + triangles."""
+        return euler_number(self.surface)
+
+    def area_without(self, names: tuple[str, ...]) -> float:
+        """Return the area of the triangles that are not of these parts."""
+        counted = np.array([name not in names for name in self.surface.names])
+        return float(self.areas[counted[self.surface.labels]].sum())
+
+    def area_row(self, name: str, caps: tuple[str, ...]) -> Measure:
+        """Return the area without some caps; its uncertainty is in proportion."""
+        area, whole = self.area_without(caps), float(self.areas.sum())
+        doubt = self.area_doubt * area / whole if whole else 0.0
+        return self.row(name, area, f"{self.surface.unit}²", doubt)
+
+    def row(self, name: str, value: float, unit: str, doubt: float | None = None) -> Measure:
+        """Return a row of this surface; exact where there is no doubt."""
+        kind = "exact" if doubt is None else "standard"
+        return Measure(name, value, unit, self.method, doubt or 0.0, kind, "surface")
+
+
+def _surface_area(census: SurfaceCensus) -> Measure:
+    across = [axis for axis, wraps in enumerate(census.periodic) if wraps]
+    caps = tuple(name for axis in across for name in CAPS[2 * axis : 2 * axis + 2])
+    return census.area_row("surface_area", caps)
+
+
+def _surface_interface(census: SurfaceCensus) -> Measure:
+    return census.area_row("interface_area", CAPS)
+
+
+def _surface_volume(census: SurfaceCensus) -> Measure:
+    total = float(census.shell_volumes.sum())
+    return census.row("volume", total, f"{census.surface.unit}³", census.volume_doubt)
+
+
+def _surface_components(census: SurfaceCensus) -> Measure:
+    return census.row("components", int((census.shell_volumes > 0).sum()), "1")
+
+
+def _solid_euler(census: SurfaceCensus) -> Measure:
+    return census.row("euler_number", census.euler_number / 2, "1")
+
+
+def _surface_genus(census: SurfaceCensus) -> Measure:
+    return census.row("genus", len(census.shell_volumes) - census.euler_number / 2, "1")
+
+
+def _shells(census: SurfaceCensus) -> Measure:
+    return census.row("shells", len(census.shell_volumes), "1")
+
+
+def _surface_euler(census: SurfaceCensus) -> Measure:
+    return census.row("surface_euler_number", census.euler_number, "1")
+
+
+SURFACE: Table[SurfaceCensus] = {
+    ("volume", "triangles"): _surface_volume,
+    ("surface_area", "triangles"): _surface_area,
+    ("interface_area", "triangles"): _surface_interface,
+    ("components", "triangles"): _surface_components,
+    ("euler_number", "triangles"): _solid_euler,
+    ("genus", "triangles"): _surface_genus,
+    ("shells", "triangles"): _shells,
+    ("surface_euler_number", "triangles"): _surface_euler,
+}
+"""Rows of a surface; those of an exact boundary carry that method's name."""
+
+TOPOLOGY = ("components", "euler_number", "genus", "components_26", "euler_number_26", "genus_26")
+"""What a capped surface or mesh cannot tell of the periodic body that it was cut from."""
+
+
+def of_bulk(volume: Measure, area: Measure | None, bulk: float) -> tuple[Measure, ...]:
+    """Return porosity, relative density and specific surface from a mesh's volume and area."""
+
+    def row(name: str, value: float, unit: str, doubt: float, like: Measure) -> Measure:
+        return Measure(name, value, unit, like.method, doubt, "standard", like.of)
+
+    part, doubt = volume.value / bulk, volume.uncertainty / bulk
+    rows = [
+        row("porosity", 1 - part, "1", doubt, volume),
+        row("relative_density", part, "1", doubt, volume),
+    ]
+    if area is not None:
+        unit = "1/" + area.unit.rstrip("²")
+        value, doubt = area.value / bulk, area.uncertainty / bulk
+        rows.append(row("specific_surface_area", value, unit, doubt, area))
+    return tuple(rows)
+
+
+class VolumeCensus:
+    """What the measures of a volume mesh are made of.
+
+    Parameters
+    ----------
+    mesh
+        Of any cells.
+    volume_doubt
+        Uncertainty as a measure of the body that the mesh stands for, in its unit.
+    """
+
+    def __init__(self, mesh: VolumeMesh, *, volume_doubt: float = 0.0) -> None:
+        if not mesh.cells:
+            raise MeshError("volume mesh: has no cells to measure")
+        self.mesh = mesh
+        shapes = {block.shape for block in mesh.blocks}
+        self.method = _METHODS[shapes.pop()] if len(shapes) == 1 else "cells"
+        self.volumes = mesh.volumes
+        self.volume_doubt = volume_doubt + ROUNDING * float(np.abs(self.volumes).sum())
+
+    def row(self, name: str, value: float, unit: str, doubt: float | None = None) -> Measure:
+        """Return a row of this mesh; exact where there is no doubt."""
+        kind = "exact" if doubt is None else "standard"
+        return Measure(name, value, unit, self.method, doubt or 0.0, kind, "volume")
+
+    @cached_property
+    def faces(self) -> Faces:
+        """Every face of every cell."""
+        return faces(self.mesh)
+
+
+_METHODS = {"tet4": "tetrahedra", "tet10": "tetrahedra", "hex8": "hexahedra"}
+
+
+def _mesh_volume(census: VolumeCensus) -> Measure:
+    unit = f"{census.mesh.unit}³"
+    return census.row("volume", float(census.volumes.sum()), unit, census.volume_doubt)
+
+
+def _mesh_components(census: VolumeCensus) -> Measure:
+    return census.row("components", int(bodies(census.mesh).max()) + 1, "1")
+
+
+def _mesh_euler(census: VolumeCensus) -> Measure:
+    ring = census.faces.nodes
+    following = np.where(np.roll(ring, -1, axis=1) < 0, ring[:, :1], np.roll(ring, -1, axis=1))
+    ends = np.stack([ring, following], axis=2).reshape(-1, 2)
+    ends = ends[ends[:, 0] >= 0]
+    edges = len(np.unique(np.sort(ends, axis=1), axis=0))
+    squares = len(np.unique(np.sort(ring, axis=1), axis=0))
+    vertices = len(np.unique(ring[ring >= 0]))
+    return census.row("euler_number", vertices - edges + squares - census.mesh.cells, "1")
+
+
+def _least_volume(census: VolumeCensus) -> Measure:
+    unit = f"{census.mesh.unit}³"
+    return census.row("smallest_cell_volume", float(census.volumes.min()), unit)
+
+
+def _least_angle(census: VolumeCensus) -> Measure:
+    blocks = census.mesh.blocks
+    least = min(
+        float(_dihedral_angles(census.mesh.points[b.cells], SHAPES[b.shape].faces).min())
+        for b in blocks
+        if len(b.cells)
+    )
+    return census.row("smallest_dihedral_angle", least, "°")
+
+
+def _dihedral_angles(corners: Floats, local: tuple[tuple[int, ...], ...]) -> Floats:
+    """Return the angles in degrees between neighbouring faces of each cell; corners (n, m, 3)."""
+    edges: dict[frozenset[int], list[int]] = {}
+    for number, face in enumerate(local):
+        for a, b in zip(face, face[1:] + face[:1], strict=True):
+            edges.setdefault(frozenset((a, b)), []).append(number)
+    normals = [
+        np.cross(corners[:, f[1]] - corners[:, f[0]], corners[:, f[-1]] - corners[:, f[0]])
+        for f in local
+    ]
+    angles = []
+    for first, second in edges.values():
+        u, v = normals[first], normals[second]
+        sine = np.linalg.norm(np.cross(u, v), axis=1)
+        angles.append(180 - np.degrees(np.arctan2(sine, np.einsum("ij,ij->i", u, v))))
+    return np.stack(angles)
+
+
+def _least_jacobian(census: VolumeCensus) -> Measure:
+    least = min(
+        float(_scaled_jacobians(census.mesh.points[b.cells], SHAPES[b.shape].faces).min())
+        for b in census.mesh.blocks
+        if len(b.cells)
+    )
+    return census.row("smallest_scaled_jacobian", least, "1")
+
+
+def _scaled_jacobians(corners: Floats, local: tuple[tuple[int, ...], ...]) -> Floats:
+    """Return at each cell's corners the edges' determinant over their lengths (n, corners).
+
+    1 at a right-angled corner, below zero where the cell is turned inside out. Knupp 2003; for
+    tetrahedra times √2, so that a regular one has 1.
+    """
+    results = []
+    triangular = len(local[0]) == 3
+    for corner in range(4 if triangular else 8):
+        # Neighbours in the order in which the faces about the corner turn.
+        follows = {
+            f[f.index(corner) - 1]: f[(f.index(corner) + 1) % len(f)] for f in local if corner in f
+        }
+        a = next(iter(follows))
+        b, c = follows[a], follows[follows[a]]
+        u, v, w = (corners[:, n] - corners[:, corner] for n in (a, b, c))
+        lengths = np.linalg.norm([u, v, w], axis=2).prod(axis=0)
+        volume = np.einsum("ij,ij->i", np.cross(u, v), w)
+        results.append(np.divide(volume, lengths, out=np.zeros_like(volume), where=lengths > 0))
+    return np.stack(results, axis=1) * (np.sqrt(2) if triangular else 1.0)
+
+
+VOLUME: dict[str, Callable[[VolumeCensus], Measure]] = {
+    "volume": _mesh_volume,
+    "components": _mesh_components,
+    "euler_number": _mesh_euler,
+    "smallest_cell_volume": _least_volume,
+    "smallest_dihedral_angle": _least_angle,
+    "smallest_scaled_jacobian": _least_jacobian,
+}
+
+
+def smallest_dihedral_angle(mesh: VolumeMesh) -> Measure:
+    """Return the smallest angle between two faces of a cell, in degrees."""
+    return _least_angle(VolumeCensus(mesh))
+
+
+def smallest_scaled_jacobian(mesh: VolumeMesh) -> Measure:
+    """Return the worst corner: determinant of its edges over their lengths, unit 1.
+
+    1 for cubes and regular tetrahedra, below zero for a cell that is turned inside out
+    (P. Knupp 2003, Finite Elements in Analysis and Design 39:217).
+    """
+    return _least_jacobian(VolumeCensus(mesh))

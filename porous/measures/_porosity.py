@@ -1,0 +1,189 @@
+"""How much of a grid is solid: porosity, relative density, volume."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import GridError
+from porous.measures._answer import answer
+from porous.measures._census import Census
+from porous.values import Measure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from porous.measures._answer import Table
+    from porous.values import VoxelGrid
+
+    Floats = NDArray[np.float64]
+
+PLANE = 1 / 12
+"""What sampling a voxel at 64 points may get wrong of its fill, averaged over the voxels that one
+plane cuts, whatever its direction. Shifting a plane by a voxel repeats the pattern, so the mean
+error of a plane with whole-number normal v is sup |mean {v·p − t} − ½| / |v|₁ over the points p of
+``values.FILL``: 0.081 at worst, for (4, −1, 0); 1/32 across x and y, 1/128 across z."""
+
+VOXEL = 1 / 6
+"""What it may get wrong in one voxel that a plane cuts (0.148 at worst); such errors of many voxels
+add up like a random walk."""
+
+OFFSET = 12**-0.5
+"""Standard uncertainty of where a plane lies between two rows of voxel centres, in voxels."""
+
+
+def solid_fractions(histogram: NDArray[np.int64], sampling: str) -> Floats:
+    """Return what solid fraction each of the 256 fills stands for, float64, shape (256,).
+
+    Fills counted from 64 points are (255·k + 32)//64 and stand for k/64 exactly; where other
+    bytes occur, or the grid was not sampled so, a byte stands for its 255th.
+    """
+    k = np.arange(65)
+    bytes_of = (255 * k + 32) // 64
+    fractions = np.arange(256) / 255
+    if sampling == "fill" and histogram.sum() == histogram[bytes_of].sum():
+        fractions[bytes_of] = k / 64
+    return fractions
+
+
+class Amounts:
+    """Volumes in voxels, from a census of fills.
+
+    ``bulk`` and ``bulk_count`` are the body that porosity refers to, in fractions and in whole
+    voxels; ``solid`` and ``solid_count`` what is solid of it; ``everywhere`` all that is solid.
+    """
+
+    def __init__(self, census: Census) -> None:
+        counts, self.sampling = census.fills, census.grid.sampling
+        histogram = counts.histogram
+        fills = solid_fractions(histogram.sum(axis=1), self.sampling)[:, None]
+        bulks = np.arange(256)[None] / 255
+        self.bulk = float((histogram * bulks).sum())
+        self.solid = float((histogram * np.minimum(fills, bulks)).sum())
+        self.everywhere = float((histogram * fills).sum())
+        self.bulk_count = int(histogram[:, 128:].sum())
+        self.solid_count = int(histogram[128:, 128:].sum())
+        # Where both end in a voxel, nobody knows how much of the one lies in the other.
+        least = np.maximum(fills + bulks - 1, 0)
+        self.unknown = float((histogram * (np.minimum(fills, bulks) - least)).sum())
+        self.cut = int(histogram[1:255, 1:].sum())
+        self.jumps = counts.jumps
+        if not self.bulk_count:
+            raise GridError("porosity: the bulk has no voxel that is at least half in it")
+
+    @property
+    def doubt(self) -> float:
+        """Uncertainty of ``solid``, in voxels, by how the grid was sampled."""
+        return min(_DOUBTS[self.sampling](self) + self.unknown, self.bulk)
+
+    @property
+    def count_doubt(self) -> float:
+        """Uncertainty of ``solid_count``, in voxels."""
+        return abs(self.solid_count - self.solid) + self.doubt
+
+
+def _fill_doubt(amounts: Amounts) -> float:
+    surface = amounts.cut + amounts.jumps
+    return PLANE * surface + VOXEL * float(np.sqrt(surface))
+
+
+def _centre_doubt(amounts: Amounts) -> float:
+    return (amounts.cut + amounts.jumps) * OFFSET
+
+
+def _cover_doubt(amounts: Amounts) -> float:
+    return float(amounts.cut + amounts.jumps)
+
+
+_DOUBTS: dict[str, Callable[[Amounts], float]] = {
+    "fill": _fill_doubt,
+    "centre": _centre_doubt,
+    "cover": _cover_doubt,
+}
+
+
+def _row(name: str, method: str, value: float, doubt: float, unit: str = "1") -> Measure:
+    return Measure(name, value, unit, method, doubt, "standard", "grid")
+
+
+def _porosity_fill(census: Census) -> Measure:
+    a = Amounts(census)
+    return _row("porosity", "voxel fill", 1 - a.solid / a.bulk, a.doubt / a.bulk)
+
+
+def _porosity_count(census: Census) -> Measure:
+    a = Amounts(census)
+    value = (a.bulk_count - a.solid_count) / a.bulk_count
+    return _row("porosity", "voxel count", value, a.count_doubt / a.bulk_count)
+
+
+def _density_fill(census: Census) -> Measure:
+    a = Amounts(census)
+    return _row("relative_density", "voxel fill", a.solid / a.bulk, a.doubt / a.bulk)
+
+
+def _density_count(census: Census) -> Measure:
+    a = Amounts(census)
+    value = a.solid_count / a.bulk_count
+    return _row("relative_density", "voxel count", value, a.count_doubt / a.bulk_count)
+
+
+def _volume_fill(census: Census) -> Measure:
+    a, voxel = Amounts(census), census.frame.voxel_volume
+    unit = f"{census.frame.unit}³"
+    return _row("volume", "voxel fill", a.everywhere * voxel, a.doubt * voxel, unit)
+
+
+def _volume_count(census: Census) -> Measure:
+    a, voxel = Amounts(census), census.frame.voxel_volume
+    count = census.number("cells")
+    doubt = abs(count - a.everywhere) + a.doubt
+    return _row("volume", "voxel count", count * voxel, doubt * voxel, f"{census.frame.unit}³")
+
+
+GRID: Table[Census] = {
+    ("porosity", "voxel fill"): _porosity_fill,
+    ("porosity", "voxel count"): _porosity_count,
+    ("relative_density", "voxel fill"): _density_fill,
+    ("relative_density", "voxel count"): _density_count,
+    ("volume", "voxel fill"): _volume_fill,
+    ("volume", "voxel count"): _volume_count,
+}
+
+
+def porosity(grid: VoxelGrid, *, method: str = "voxel fill") -> Measure:
+    """Return the void part of the bulk: 1 − solid volume / bulk volume, unit 1.
+
+    Parameters
+    ----------
+    grid
+        The body; its bulk is the whole frame where it names none.
+    method
+        ``"voxel fill"`` sums the solid fractions, ``"voxel count"`` the voxels that are at least
+        half solid over those that are at least half bulk.
+
+    Returns
+    -------
+    Measure
+        The uncertainty is what sampling may have missed of the voxels that the surface crosses:
+        n · ``PLANE`` + √n · ``VOXEL`` voxels for n of them at 64 points, ``OFFSET`` of each where
+        only centres were asked, all of each where the set was covered. Solids and pores thinner than a
+        voxel may escape the samples altogether; no grid can tell.
+
+    Raises
+    ------
+    GridError
+        Where no voxel is bulk.
+    """
+    return answer(GRID, "porosity", method, Census(grid))
+
+
+def relative_density(grid: VoxelGrid, *, method: str = "voxel fill") -> Measure:
+    """Return the solid part of the bulk, 1 − porosity, unit 1.
+
+    Takes, returns and raises what ``porosity`` does.
+    """
+    return answer(GRID, "relative_density", method, Census(grid))
