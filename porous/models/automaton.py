@@ -29,7 +29,7 @@ DEEPEST = 4096
 """The deepest level that is ever tried."""
 
 FLATNESS = 1e-12
-"""Four controls whose reference matrix has a smaller reciprocal condition span no space."""
+"""Four controls that are thinner than this part of their size span no space."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,9 @@ class State(Value):
         if self.size != 4:
             return None
         lifted = np.vstack([self.controls, np.ones(4)])
-        if 1 / np.linalg.cond(lifted / np.abs(lifted).max(axis=1, keepdims=True)) < FLATNESS:
+        size = max(float(np.ptp(self.controls, axis=1).max()), 1e-300)
+        centred = (self.controls - self.controls.mean(axis=1, keepdims=True)) / size
+        if np.linalg.svd(centred, compute_uv=False)[-1] < FLATNESS:
             return None
         return np.asarray(np.linalg.inv(lifted))
 

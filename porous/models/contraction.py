@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, NamedTuple
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,13 @@ GAP = 1e-9
 """The search for the joint spectral radius stops where its bounds are this close."""
 
 BUDGET = 100_000
-"""How many products a search may form."""
+"""How many products a search may form to come to an answer."""
+
+REFINEMENT = 3_000
+"""How many products it may form to narrow the bounds of an answer that is known."""
+
+LONGEST = 400
+"""The longest word that is looked at."""
 
 LARGEST_KRONECKER = 40
 """Blocks with more coordinates in all their states go without an adapted norm."""
@@ -96,7 +103,7 @@ def contractivity(automaton: Automaton) -> Contractivity:
         upper = min(upper, _dobrushin(automaton))
     if refuted:
         return _refusal(max(refuted, key=lambda found: found.lower), upper)
-    bounds = f"the joint spectral radius lies in [{lowest.lower:.7g}, {upper:.7g}]"
+    bounds = f"the joint spectral radius lies in [{lowest.lower:.9g}, {upper:.9g}]"
     answer = "yes" if upper < 1 - MARGIN else "unknown"
     return Contractivity(answer, lowest.lower, max(upper, lowest.lower), lowest.word, bounds)
 
@@ -172,7 +179,7 @@ def adapted_norms(
     solved = np.linalg.solve(np.eye(len(operator)) - operator / gamma, identity)
     P = solved.reshape(count, size, size)
     try:
-        return np.linalg.cholesky((P + P.transpose(0, 2, 1)) / 2)
+        return np.asarray(np.linalg.cholesky((P + P.transpose(0, 2, 1)) / 2), np.float64)
     except np.linalg.LinAlgError:
         return None
 
@@ -216,7 +223,7 @@ def _block(
     first: NDArray[np.int64],
     member: NDArray[np.bool_],
 ) -> _Block:
-    chosen = [np.flatnonzero(member[a:b]) for a, b in zip(first, first[1:], strict=False)]
+    chosen = [np.flatnonzero(member[a:b]) for a, b in pairwise(first)]
     size = max(map(len, chosen))
     letters, ends, parts = [], [], []
     for letter, (t, A) in enumerate(zip(automaton.transitions, matrices, strict=True)):
@@ -274,10 +281,12 @@ class _Words(NamedTuple):
 def _gripenberg(block: _Block, exact: _Block) -> _Search:
     """Bound the joint spectral radius: branch over words, drop those that cannot matter.
 
-    A word is dropped once some prefix has a mean norm ‖A_v‖^(1/|v|) of at most lower + GAP. Error
-    bounds are added to every norm, so ``upper`` holds in spite of rounding.
+    A word is dropped once some prefix has a mean norm ‖A_v‖^(1/|v|) of at most lower + GAP. Every
+    endless word is made of such prefixes, so the largest of their mean norms bounds the radius;
+    error bounds are added to every norm, so it does in spite of rounding.
     """
-    lower, upper, best, formed = 0.0, np.inf, (0,), 0
+    lower, upper, settled, formed = 0.0, np.inf, 0.0, 0
+    best: tuple[int, ...] = (0,)
     words: _Words | None = None
     while words is None or len(words.scores):
         words = _first(block) if words is None else _longer(words, block)
@@ -287,11 +296,20 @@ def _gripenberg(block: _Block, exact: _Block) -> _Search:
             lower, best = radius, tuple(words.letters[index].tolist())
             if radius > 1 - 1e-6 and not shrinks(*exact.matrices[list(best)]):
                 return _Search(lower, np.inf, _named(block, best), refuted=True)
-        words = _Words(*(field[words.scores > lower + GAP] for field in words))
-        upper = min(upper, max(lower + GAP, words.scores.max(initial=0.0)))
-        if formed + len(words.scores) * len(block.letters) > BUDGET:
+        upper = min(upper, max(settled, words.scores.max(initial=0.0)))
+        dropped = words.scores <= lower + GAP
+        settled = max(settled, words.scores[dropped].max(initial=0.0))
+        words = _chosen(words, ~dropped)
+        allowed = REFINEMENT if upper < 1 - MARGIN else BUDGET
+        more = len(words.scores) * len(block.letters)
+        if formed + more > allowed or words.letters.shape[1] == LONGEST:
             break
     return _Search(lower, float(upper), _named(block, best), refuted=False)
+
+
+def _chosen(words: _Words, mask: NDArray[np.bool_]) -> _Words:
+    chosen: Any = (field[mask] for field in words)
+    return _Words(*chosen)
 
 
 def _named(block: _Block, word: tuple[int, ...]) -> tuple[int, ...]:
@@ -333,14 +351,11 @@ def _largest_cycle(words: _Words) -> tuple[float, int]:
 
 
 def _dobrushin(automaton: Automaton, longest: int = 4) -> float:
-    """Return max τ(T_w)^(1/k) over words of length k, the best of a few k.
-
-    τ(T) = ½ max ‖T_j − T_k‖₁ over columns is the norm that ℓ1 induces on weights summing to zero.
-    """
+    """Return max τ(T_w)^(1/k) over words of length k, the best of a few k."""
     words = [(t.target, t.matrix) for t in automaton.transitions]
     best = np.inf
     for length in range(1, longest + 1):
-        best = min(best, max(_coefficient(T) for _, T in words) ** (1 / length))
+        best = min(best, max(dobrushin(T) for _, T in words) ** (1 / length))
         if best < 1 - MARGIN or len(words) * len(automaton.transitions) > BUDGET // 20:
             break
         words = [(t.target, T @ t.matrix) for end, T in words for t in automaton.children[end]]
@@ -349,7 +364,11 @@ def _dobrushin(automaton: Automaton, longest: int = 4) -> float:
     return best * (1 + 1e-13)
 
 
-def _coefficient(T: NDArray[np.float64]) -> float:
+def dobrushin(T: NDArray[np.float64]) -> float:
+    """Return τ(T) = ½ max ‖T_j − T_k‖₁ over columns: the norm that ℓ1 induces on weights of sum 0.
+
+    No product of matrices has a larger one than the product of theirs.
+    """
     columns = T.T
     return max(float(np.abs(columns - column).sum(axis=1).max()) for column in columns) / 2
 

@@ -60,7 +60,7 @@ def affinity_bound(automaton: Automaton, length: int) -> float:
     for _ in range(length - 1):
         i, j = np.nonzero(end[:, None] == ends[0][None, :])
         start, end, products = start[i], ends[1][j], products[i] @ A[j]
-    sigma = np.linalg.svd(products, compute_uv=False)
+    sigma = np.asarray(np.linalg.svd(products, compute_uv=False), np.float64)
     words = np.stack([start, end])
     return min(3.0, _root(words, lambda s: _falconer(sigma, s), len(automaton.states)))
 
@@ -102,17 +102,19 @@ def _root(
     same = label[ends[0]] == label[ends[1]]
     best = -math.inf
     for part in np.unique(label[ends[0][same]]):
-        chosen = np.flatnonzero(same & (label[ends[0]] == part))
-        best = max(best, _bisected(ends[:, chosen], lambda s, c=chosen: weights(s)[c], states))
+        best = max(best, _bisected(ends, weights, states, same & (label[ends[0]] == part)))
     return best
 
 
 def _bisected(
-    ends: NDArray[np.int64], weights: Callable[[float], NDArray[np.float64]], states: int
+    ends: NDArray[np.int64],
+    weights: Callable[[float], NDArray[np.float64]],
+    states: int,
+    part: NDArray[np.bool_],
 ) -> float:
     def excess(s: float) -> float:
         matrix = np.zeros((states, states))
-        np.add.at(matrix, (ends[0], ends[1]), weights(s))
+        np.add.at(matrix, (ends[0][part], ends[1][part]), weights(s)[part])
         return float(np.abs(np.linalg.eigvals(matrix)).max()) - 1
 
     low, high = 0.0, 1.0

@@ -6,21 +6,18 @@ prefractals and of the attractor, U = K₀ ∪ F(U); without, it is the attracto
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass
-from itertools import count
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from porous.errors import ModelError
+from porous.models.automaton import DEEPEST
 from porous.models.contraction import adapted_norms
 from porous.values import Box
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from porous.models.automaton import Automaton
@@ -32,8 +29,7 @@ SHRUNK = 0.9
 """A word's map must shrink at least to this to carry a ball."""
 
 MOST_WORDS = 20_000
-EXPANSIONS = 20_000
-"""Nodes that the search for one face of the box may open; it stays certain when it stops there."""
+"""How many words a search may hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,23 +80,27 @@ def enclosing_balls(automaton: Automaton, seeds: Seeds | None = None) -> NDArray
     ModelError
         Where the states are no frames of space or the maps shrink too slowly for the search.
     """
-    found = _ellipsoids(automaton, seeds)
-    widest = np.linalg.norm(found.inverses, 2, axis=(1, 2)) * (1 + SLACK)
-    return np.hstack([found.centres, (widest * found.radii)[:, None]])
+    found = _boxed(automaton, seeds, _ellipsoids(automaton, seeds))
+    widest = np.linalg.norm(found.inverses, 2, axis=(1, 2)) * found.radii * (1 + SLACK)
+    about = np.linalg.norm(found.upper - found.lower, axis=1) / 2 * (1 + SLACK)
+    # The ball about the box is the better one where the ellipsoid is long.
+    rounder = (widest <= about)[:, None]
+    centres = np.where(rounder, found.centres, (found.lower + found.upper) / 2)
+    return np.hstack([centres, np.minimum(widest, about)[:, None]])
 
 
 def enclosing_box(automaton: Automaton, seeds: Seeds | None = None, *, tolerance: float) -> Box:
     """Return a box that holds the start state's set, each face at most ``tolerance`` too far out.
 
-    Best-first search along the six directions: a word's upper bound is the support of the image of
-    its state's enclosure, lower bounds come from points of the set. Where the search ends early
-    (``EXPANSIONS``) the box is looser but still holds the set.
+    Branch and bound along the six directions: a word's upper bound is the support of the image of
+    its state's enclosure, lower bounds come from points of the set. Where more than ``MOST_WORDS``
+    words stay open the search ends early: the box is looser but still holds the set.
     """
     enclosure = _boxed(automaton, seeds, _ellipsoids(automaton, seeds))
-    points = _inner_points(automaton, seeds)
+    inner = [_inner(automaton, seeds, state) for state in range(len(automaton.states))]
     axes = np.eye(3)
-    upper = [_support(automaton, enclosure, points, seeds, axes[k], tolerance) for k in range(3)]
-    lower = [-_support(automaton, enclosure, points, seeds, -axes[k], tolerance) for k in range(3)]
+    upper = [_support(automaton, enclosure, inner, axes[k], tolerance) for k in range(3)]
+    lower = [-_support(automaton, enclosure, inner, -axes[k], tolerance) for k in range(3)]
     return Box(tuple(lower), tuple(upper))  # type: ignore[arg-type]
 
 
@@ -129,7 +129,7 @@ def _ellipsoids(automaton: Automaton, seeds: Seeds | None) -> _Enclosure:
         adapted = adapted_norms(ends[0], ends[1], A)
         if adapted is not None and len(adapted) == len(bases):
             bases = adapted
-    inverses = np.linalg.inv(bases).transpose(0, 2, 1)
+    inverses = np.asarray(np.linalg.inv(bases).transpose(0, 2, 1), np.float64)
     single = _Words(ends[0], ends[1], A, b)
     words, prefixes = _shrinking_words(automaton, single, bases, inverses)
     fixed = _fixed_sets(automaton, seeds, prefixes)
@@ -292,7 +292,7 @@ def _least(
         wanted = reach.copy()
         np.maximum.at(wanted, words.sources, shift + shrink * radii[words.targets])
         if (wanted <= radii * (1 + 1e-12)).all():
-            return radii * (1 + SLACK) + 1e-12
+            return np.asarray(radii * (1 + SLACK) + 1e-12)
         radii = np.maximum(radii, wanted)
 
 
@@ -339,18 +339,31 @@ def _drawn_boxes(
     return least, most
 
 
-def _inner_points(automaton: Automaton, seeds: Seeds | None) -> list[NDArray[np.float64]]:
-    """Return points of each state's set: what is drawn there, and ends of periodic paths."""
-    result = []
-    for q, children in enumerate(automaton.children):
-        own = [_drawn(automaton, seeds, q)[0]] if seeds is not None or not children else []
-        loops = [
-            np.linalg.solve(np.eye(3) - F[:, :3], F[:, 3])[None]
-            for t, F in zip(automaton.transitions, automaton.maps, strict=True)
-            if t.source == t.target == q
-        ]
-        result.append(np.concatenate([*own, *(loops or [_cycle_point(automaton, q, seeds)])]))
-    return result
+class _Inner(NamedTuple):
+    """Points of a state's set (n, 3), and the radii of the balls about them that lie in it."""
+
+    points: NDArray[np.float64]
+    radii: NDArray[np.float64]
+
+    def supports(self, a: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return max a·x over these balls for each row of ``a`` (k, 3)."""
+        lengths = np.linalg.norm(a, axis=1)
+        return np.asarray((a @ self.points.T + lengths[:, None] * self.radii).max(axis=1))
+
+
+def _inner(automaton: Automaton, seeds: Seeds | None, state: int) -> _Inner:
+    """Return what is drawn in a state and the ends of periodic paths."""
+    children = automaton.children[state]
+    points, radius = _drawn(automaton, seeds, state)
+    if seeds is None and children:
+        points = points[:0]
+    ends = [
+        np.linalg.solve(np.eye(3) - F[:, :3], F[:, 3])
+        for t, F in zip(automaton.transitions, automaton.maps, strict=True)
+        if t.source == t.target == state
+    ] or [_cycle_point(automaton, state, seeds)]
+    radii = np.concatenate([np.full(len(points), radius), np.zeros(len(ends))])
+    return _Inner(np.vstack([points, *ends]), radii)
 
 
 def _cycle_point(automaton: Automaton, state: int, seeds: Seeds | None) -> NDArray[np.float64]:
@@ -373,57 +386,75 @@ def _cycle_point(automaton: Automaton, state: int, seeds: Seeds | None) -> NDArr
         steps = steps[: trail.index(state)]
     for step in steps:
         F = F @ step
-    return np.asarray(F[:3, :3] @ end + F[:3, 3])[None]
+    return np.asarray(F[:3, :3] @ end + F[:3, 3])
+
+
+class _Rows(NamedTuple):
+    """Functionals a·x + offset on the sets of states, one for each word: the images' supports."""
+
+    states: NDArray[np.int64]
+    a: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    bounds: NDArray[np.float64]
 
 
 def _support(
     automaton: Automaton,
     enclosure: _Enclosure,
-    points: list[NDArray[np.float64]],
-    seeds: Seeds | None,
+    inner: list[_Inner],
     direction: NDArray[np.float64],
     tolerance: float,
 ) -> float:
-    """Return a bound on max u·x over the start state's set, at most ``tolerance`` too large."""
-    highest = _upper(enclosure)
-    radius = 0.0 if seeds is None else seeds.radius
-    maps = [
-        [
-            (t.target, F)
-            for t, F in zip(automaton.transitions, automaton.maps, strict=True)
-            if t.source == q
-        ]
-        for q in range(len(automaton.states))
-    ]
-    order = count()
-    start = automaton.start
-    heap = [(-highest(start, direction, 0.0), next(order), start, direction, 0.0)]
-    best = -np.inf
-    for _ in range(EXPANSIONS):
-        top, _, state, a, offset = heap[0]
-        inner = float((points[state] @ a).max()) + offset
-        best = max(best, inner + radius * float(np.linalg.norm(a)))
-        if -top <= best + tolerance:
+    """Return a bound on max u·x over the start state's set, at most ``tolerance`` too large.
+
+    Words whose image reaches no further than ``tolerance`` beyond a known point are settled, the
+    others are made longer.
+    """
+    start = np.array([automaton.start])
+    rows = _bounded(enclosure, start, direction[None], np.zeros(1), np.array([np.inf]))
+    best, settled = -np.inf, -np.inf
+    for _ in range(DEEPEST):
+        reached = _reached(inner, rows)
+        best = max(best, reached.max())
+        ends = np.array([not children for children in automaton.children])[rows.states]
+        done = ends | (rows.bounds <= best + tolerance)
+        # A terminal cell is what is drawn there: its support is known.
+        settled = max(settled, np.where(ends, reached, rows.bounds)[done].max(initial=-np.inf))
+        rows = _Rows(rows.states[~done], rows.a[~done], rows.offsets[~done], rows.bounds[~done])
+        if not 0 < len(rows.bounds) <= MOST_WORDS:
             break
-        heapq.heappop(heap)
-        if not maps[state]:
-            # A terminal cell is what is drawn there: its support is known.
-            own = inner + radius * float(np.linalg.norm(a))
-            heapq.heappush(heap, (-own, next(order), state, a, offset))
-            continue
-        for target, F in maps[state]:
-            row, shift = a @ F[:, :3], offset + float(a @ F[:, 3])
-            bound = min(highest(target, row, shift), -top)
-            heapq.heappush(heap, (-bound, next(order), target, row, shift))
+        rows = _longer(automaton, enclosure, rows)
     scale = float(np.abs([enclosure.lower, enclosure.upper]).max())
-    return max(-heap[0][0], best) + 1e-12 * scale
+    return float(max(best, settled, rows.bounds.max(initial=-np.inf))) + 1e-12 * scale
 
 
-def _upper(enclosure: _Enclosure) -> Callable[[int, NDArray[np.float64], float], float]:
-    def highest(state: int, a: NDArray[np.float64], offset: float) -> float:
-        spread = np.linalg.norm(enclosure.inverses[state].T @ a) * enclosure.radii[state]
-        ball = float(a @ enclosure.centres[state] + spread)
-        box = float(np.where(a > 0, a * enclosure.upper[state], a * enclosure.lower[state]).sum())
-        return offset + min(ball, box)
+def _reached(inner: list[_Inner], rows: _Rows) -> NDArray[np.float64]:
+    result = np.empty(len(rows.states))
+    for state, known in enumerate(inner):
+        mine = rows.states == state
+        result[mine] = known.supports(rows.a[mine])
+    return result + rows.offsets
 
-    return highest
+
+def _longer(automaton: Automaton, enclosure: _Enclosure, rows: _Rows) -> _Rows:
+    sources, targets = np.array([(t.source, t.target) for t in automaton.transitions]).T
+    i, j = np.nonzero(rows.states[:, None] == sources[None, :])
+    F = automaton.maps[j]
+    a = np.einsum("ki,kij->kj", rows.a[i], F[:, :, :3])
+    offsets = rows.offsets[i] + np.einsum("ki,ki->k", rows.a[i], F[:, :, 3])
+    return _bounded(enclosure, targets[j], a, offsets, rows.bounds[i])
+
+
+def _bounded(
+    enclosure: _Enclosure,
+    states: NDArray[np.int64],
+    a: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    most: NDArray[np.float64],
+) -> _Rows:
+    across = np.einsum("kji,kj->ki", enclosure.inverses[states], a)
+    reach = np.linalg.norm(across, axis=1) * enclosure.radii[states]
+    ball = np.einsum("ki,ki->k", a, enclosure.centres[states]) + reach
+    corner = np.where(a > 0, enclosure.upper[states], enclosure.lower[states])
+    box = np.einsum("ki,ki->k", a, corner)
+    return _Rows(states, a, offsets, np.minimum(offsets + np.minimum(ball, box), most))

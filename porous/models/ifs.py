@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path  # noqa: TC003  (pydantic reads it)
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -239,6 +239,7 @@ class IFS(Value):
             offset=self.offset,
             contacts=self.contacts,
             contact_radius=self.contact_radius,
+            domain=self.domain,
             unit=self.unit,
         )
 
@@ -271,8 +272,8 @@ class IFS(Value):
         run = narrowest_run(self.digits, self.level)
         if run is None:
             return None
-        side = self.primitive.box.lengths[0] / self.digits.divisions**self.level
-        return max(0.0, run * side - 2 * self.offset)
+        side = self.primitive.box.lengths[0] / float(self.digits.divisions) ** self.level
+        return max(0.0, run * float(side) - 2 * self.offset)
 
     def finest_printable_level(self, feature: float) -> float | None:
         """Return the last level up to which no cell is thinner than ``feature``, in ``unit``.
@@ -393,6 +394,10 @@ class BoxSection(_Section):
             raise ValueError(f"got upper {self.upper}; wanted it above lower {self.lower}")
         return self
 
+    def box(self) -> Box:
+        """Return the box."""
+        return Box(self.lower, self.upper)
+
 
 class IFSSection(_Section):
     """The ``[model]`` table of an iterated function system."""
@@ -456,8 +461,8 @@ def build(section: IFSSection, folder: Path) -> IFS:
         [(m.matrix, m.translation) for m in section.maps or ()],
         level=CutSet(level.size) if isinstance(level, SizeSection) else level,
         primitive=_primitive(section.primitive, folder),
-        domain=section.domain and Box(section.domain.lower, section.domain.upper),
-        bulk=section.bulk and Box(section.bulk.lower, section.bulk.upper),
+        domain=section.domain.box() if section.domain else None,
+        bulk=section.bulk.box() if section.bulk else None,
         **section.model_dump(include={"size", "unit", "offset", "contacts", "contact_radius"}),
     )
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.kernels.windows import FUNCTIONALS
 from porous.models.digits import DigitSet
 from porous.values.value import Value
 
@@ -59,12 +58,14 @@ class Prefractal(Value):
 
     def count(self, name: str) -> int:
         """Return the value of one of ``kernels.windows.FUNCTIONALS``, exact."""
+        from porous.kernels.windows import FUNCTIONALS
+
         return sum(n * int(w) for n, w in zip(self.histogram, FUNCTIONALS[name], strict=True))
 
     @property
     def cells(self) -> int:
         """Number of solid voxels."""
-        return len(self.digits.keep) ** self.level
+        return int(len(self.digits.keep) ** self.level)
 
     @property
     def faces(self) -> int:
