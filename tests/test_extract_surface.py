@@ -6,10 +6,12 @@ import pytest
 from scipy import ndimage
 from skimage.measure import euler_number as digital_euler_number
 
+from porous import presets
 from porous.errors import Cancelled, MemoryLimitError, MeshError
 from porous.kernels import surface as kernels
 from porous.kernels._cases import COUNTS, TRIANGLES, TUNNELS
-from porous.stages import extract_surface
+from porous.recipe import build, load
+from porous.stages import extract_surface, voxelize
 from porous.stages._extract_surface import METHODS
 from porous.values import Frame, VoxelGrid
 from porous.values.surface_topology import check_closed, defects, euler_number, pieces
@@ -92,6 +94,12 @@ def test_topology_of_every_pattern(method, solid):
         assert_voxel_faces(surface, fill)
     else:
         assert_solids_topology(surface, fill)
+
+
+@pytest.mark.parametrize("name", presets.names())
+def test_topology_of_every_presets_fill(name):
+    grid = voxelize(build(load(name)), voxels=47)
+    assert_solids_topology(extract_surface(grid), grid.fill)
 
 
 @pytest.mark.parametrize("nz", [1, 61, 62, 63, 64, 126, 127, 128])
