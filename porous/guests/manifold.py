@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,28 @@ def union(bodies: Sequence[Body]) -> Body:
     return _body(joined)
 
 
+def intersection(one: Body, other: Body) -> Body:
+    """Return the boundary of what two closed meshes have in common.
+
+    Raises
+    ------
+    GuestError
+        As ``union`` does.
+    """
+    joined = _made(one) ^ _made(other)
+    _check(joined)
+    return _body(joined)
+
+
+def box(lower: Sequence[float], upper: Sequence[float]) -> Body:
+    """Return the box between two corners."""
+    import manifold3d
+
+    points, triangles = _body(manifold3d.Manifold.cube((1.0, 1.0, 1.0)))
+    ends = np.array([lower, upper], dtype=np.float64)
+    return Body(ends[points.astype(np.int64), np.arange(3)], triangles)
+
+
 def ball(radius: float, segments: int) -> Body:
     """Return a geodesic sphere about the origin with ``segments`` around, of a ball's volume."""
     import manifold3d
@@ -51,7 +73,7 @@ def ball(radius: float, segments: int) -> Body:
     return Body(points * radius * (4 / 3 * np.pi / volume) ** (1 / 3), triangles)
 
 
-def _made(body: Body) -> object:
+def _made(body: Body) -> Any:
     import manifold3d
 
     # A face number for each triangle keeps the engine from merging flat neighbours, which leaves
@@ -66,14 +88,14 @@ def _made(body: Body) -> object:
     return made
 
 
-def _check(made: object) -> None:
-    status = made.status()  # type: ignore[attr-defined]
+def _check(made: Any) -> None:
+    status = made.status()
     if status.name != "NoError":
         raise GuestError(f"manifold3d refused a mesh: {status.name}")
 
 
-def _body(made: object) -> Body:
-    mesh = made.to_mesh64()  # type: ignore[attr-defined]
+def _body(made: Any) -> Body:
+    mesh = made.to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     triangles = np.array(mesh.tri_verts, dtype=np.int64)
     if mesh.merge_from_vert is not None and len(mesh.merge_from_vert):

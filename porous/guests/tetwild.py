@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 VOLUME_TOLERANCE = 1e-3
 """How far the sum of the tets' volumes may be from the surface's, relative to it."""
 
+FINER = (1.0, 0.25)
+"""Parts of the wanted epsilon to try one after the other until the volume is right."""
+
 NAME = "pytetwild"
 
 
@@ -48,11 +51,12 @@ def tetrahedra(
     edge_length
         Wanted edge length, in the surface's unit; a twentieth of its box's diagonal by default.
     epsilon
-        How far the mesh may stray from the surface, relative to the box's diagonal.
+        How far the mesh may stray from the surface, relative to the box's diagonal; a quarter of
+        that is tried where its volume comes out wrong.
     stop_energy
         Quality at which the mesher is content (its AMIPS energy); smaller is better and slower.
     time_limit
-        In seconds.
+        Of one attempt, in seconds.
     watch
         Called with the seconds gone by; raising in it ends the mesher.
 
@@ -65,13 +69,21 @@ def tetrahedra(
         Where it dies, takes too long, or returns a mesh of another volume.
     """
     _check_input(surface, edge_length=edge_length, epsilon=epsilon, stop_energy=stop_energy)
-    options: dict[str, Any] = {
-        "epsilon": epsilon,
-        "stop_energy": stop_energy,
-        "time_limit": time_limit,
-    }
+    options: dict[str, Any] = {"stop_energy": stop_energy, "time_limit": time_limit}
     if edge_length is not None:
         options["edge_length_abs"] = edge_length
+    for finer in FINER[:-1]:
+        found = _attempt(surface, options | {"epsilon": epsilon * finer}, watch)
+        if abs(_volume_error(surface, *found)) < VOLUME_TOLERANCE:
+            return found
+    found = _attempt(surface, options | {"epsilon": epsilon * FINER[-1]}, watch)
+    _check_volume(surface, *found)
+    return found
+
+
+def _attempt(
+    surface: SurfaceMesh, options: dict[str, Any], watch: Callable[[float], None] | None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     with workplace() as folder:
         given: dict[str, Any] = {"points": surface.points, "triangles": surface.triangles}
         np.savez(folder / "in.npz", **given, **options)
@@ -79,13 +91,15 @@ def tetrahedra(
             [sys.executable, "-m", "porous.guests.tetwild_worker", "in.npz", "out.npz"],
             name=NAME,
             folder=folder,
-            time_limit=time_limit,
+            time_limit=options["time_limit"],
             watch=watch,
             environment={"PYTHONPATH": _search_path()},
         )
         points, tets = _result(folder / "out.npz")
     points, tets = _used(points, _turned(points, tets))
-    _check_output(surface, points, tets)
+    flat = int((~(_signed(points, tets) > 0)).sum())
+    if flat:
+        raise GuestError(f"{NAME} returned {flat} tetrahedra without volume")
     return points, tets
 
 
@@ -135,17 +149,19 @@ def _used(
     return points[used], index.reshape(tets.shape)
 
 
-def _check_output(
+def _volume_error(
+    surface: SurfaceMesh, points: NDArray[np.float64], tets: NDArray[np.int64]
+) -> float:
+    return float(_signed(points, tets).sum() / surface.volume - 1)
+
+
+def _check_volume(
     surface: SurfaceMesh, points: NDArray[np.float64], tets: NDArray[np.int64]
 ) -> None:
-    volumes = _signed(points, tets)
-    flat = int((~(volumes > 0)).sum())
-    if flat:
-        raise GuestError(f"{NAME} returned {flat} tetrahedra without volume")
-    error = volumes.sum() / surface.volume - 1
+    error = _volume_error(surface, points, tets)
     if abs(error) >= VOLUME_TOLERANCE:
         raise GuestError(
-            f"{NAME} returned a mesh of {volumes.sum():.6g} {surface.unit}³, {100 * error:+.2g} % "
-            f"off the surface's {surface.volume:.6g}; a smaller epsilon or edge_length follows "
-            "thin features more closely"
+            f"{NAME} returned a mesh whose volume is {100 * error:+.2g} % off the surface's "
+            f"{surface.volume:.6g} {surface.unit}³; a smaller epsilon or edge_length follows thin "
+            "features more closely"
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from porous.errors import MeshError
 from porous.values import Part, VolumeMesh
+from porous.values.box import SIDES
 from porous.values.volume_topology import boundary_faces, nodes_of
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from porous.values import Box
 
     Indices = NDArray[np.int64]
-
-SIDES = ("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX")
 
 TOLERANCE = 1e-4
 """Nodes closer to a side are on it, relative to the box's longest edge: a mesher puts them within

@@ -9,6 +9,9 @@ import numpy as np
 from porous.errors import GridError
 from porous.values.value import Value, vector
 
+SIDES = ("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX")
+"""Names of a box's sides."""
+
 
 @dataclass(frozen=True, eq=False)
 class Box(Value):
