@@ -39,8 +39,8 @@ each_package = pytest.mark.parametrize("folder", PACKAGES, ids=lambda p: p.name)
 @each_file
 def test_a_file_says_what_room_it_is(path):
     sentence = (ast.get_docstring(tree_of(path)) or "").split("\n")[0]
+    assert len(sentence.split()) > 2
     assert sentence.endswith(".")
-    assert sentence[0].isupper() or sentence[0].isdigit()
 
 
 @each_file
@@ -98,6 +98,8 @@ def test_only_the_command_line_prints_and_exits(path):
     speakers = {"print", "exit", "quit", "sys.exit", "os._exit", "sys.stdout.write", "input"}
     found = {name for name, _ in calls(path)} & speakers
     exits = [n for n in ast.walk(tree_of(path)) if isinstance(n, ast.Name) and n.id == "SystemExit"]
+    if name_of(path) == "__main__.py":
+        found -= {"sys.exit"}  # it hands on what the command line returns
     assert name_of(path) == "cli.py" or not (found or exits)
 
 

@@ -1,1 +1,5 @@
-"""Room under construction."""
+"""The report: one self-contained HTML page of what was made and what is known of it."""
+
+from porous.report._report import report_html, write_report
+
+__all__ = ["report_html", "write_report"]

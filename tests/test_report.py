@@ -1,0 +1,350 @@
+"""The report: one page that needs nothing else, says everything, and escapes what it is told."""
+
+import itertools
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from porous import disk, view
+from porous.certificate import certify
+from porous.errors import DiskError, ViewError
+from porous.pipeline import Result, run
+from porous.recipe import build, load
+from porous.report import _report, report_html, write_report
+from porous.report._agreement import agree, conflicts, groups, number
+from porous.report._doubts import doubts
+from porous.values import (
+    Block,
+    Frame,
+    Job,
+    Material,
+    Measure,
+    Measures,
+    SurfaceMesh,
+    VolumeMesh,
+    VoxelGrid,
+)
+
+HOSTILE = "</title><script>alert(1)</script>&\"'<img src=x onerror=y> {{ 7 * 7 }} ☃"
+VOID_ELEMENTS = {"meta", "img", "br", "link", "input", "hr"}
+
+
+def row(name, value, method, uncertainty=0.0, kind="exact", of="grid", unit="1"):
+    return Measure(name, value, unit, method, uncertainty, kind, of)
+
+
+MEASURES = Measures(
+    (
+        row("porosity", 0.451303155, "closed form", of="model"),
+        row("porosity", 0.4513, "voxel fill", 1e-4, "bound"),
+        row("porosity", 0.47, "voxel count", 1e-3, "standard"),
+        row("surface_area", 9.5, "triangles", 0.5, "standard", "surface", "mm²"),
+        row("components", 1, "closed form", of="model"),
+        row("genus", 1409, "closed form", of="model"),
+        row("tortuosity_factor", math.nan, "random walk", math.nan, "bound"),
+    )
+)
+
+
+@pytest.fixture(scope="module")
+def body():
+    frame = Frame((0, 0, 0), (0.5, 0.25, 1), (3, 4, 5), (False, True, False), "mm")
+    points = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5.0]])
+    mesh = VolumeMesh(points, (Block("tet4", [[0, 1, 2, 3]]),))
+    return Result(
+        recipe=None,
+        grid=VoxelGrid(frame, np.full(frame.shape, 255, np.uint8), hausdorff=0.125),
+        surface=SurfaceMesh(points, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])),
+        volume=mesh,
+        job=Job("x", mesh, Material("steel", 2e5, 0.3, 7.85e-9), None, "nothing joins the sides"),
+        measures=MEASURES,
+        times={"voxels": 1.25},
+        notes=("surface from voxels: " + HOSTILE,),
+    )
+
+
+@pytest.fixture(autouse=True)
+def quick_picture(monkeypatch):
+    """Draw nothing: VTK is slow, and pictures have tests of their own."""
+    monkeypatch.setattr(_report, "picture", lambda *_, **__: b"\x89PNG not really")
+
+
+def recipe_named(title):
+    recipe = load("menger", set={"title": title, "source": HOSTILE})
+    assert recipe.title == title
+    return recipe
+
+
+# --- the page ------------------------------------------------------------------------------
+
+
+class Strict(HTMLParser):
+    """Notes everything of a page that a browser would have to guess, load or run."""
+
+    def __init__(self):
+        super().__init__(convert_charrefs=True)
+        self.stack, self.ids, self.faults, self.text, self.headings = [], [], [], [], []
+        self.seen = []
+
+    def handle_starttag(self, tag, attributes):
+        values = dict(attributes)
+        self.seen.append((tag, values))
+        if tag not in VOID_ELEMENTS:
+            self.stack.append(tag)
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+        self.ids += [values["id"]] if "id" in values else []
+        self.faults += [fault for fault, found in faults(tag, attributes) if found]
+
+    def handle_endtag(self, tag):
+        if not self.stack or self.stack.pop() != tag:
+            self.faults.append(f"</{tag}> closes something else")
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    @property
+    def words(self):
+        return " ".join(" ".join(self.text).split())
+
+
+def faults(tag, attributes):
+    """What would be wrong with a tag, and whether it is."""
+    values = dict(attributes)
+    yield f"<{tag}> names an attribute twice", len(values) != len(attributes)
+    yield f"<{tag}>", tag in {"script", "iframe", "object", "embed", "link", "base", "form"}
+    yield "a picture without words", tag == "img" and not values.get("alt")
+    scopes = {"col", "row", "rowgroup"}
+    yield "a table header without scope", tag == "th" and values.get("scope") not in scopes
+    for name, value in attributes:
+        yield f"{name} runs code", name.startswith("on")
+        loads = name in {"src", "href", "action", "srcset", "data", "poster"}
+        inside = (value or "").startswith(("data:image/png;", "#"))
+        yield f"{name}={value!r}", loads and not inside
+
+
+def parsed(html):
+    page = Strict()
+    page.feed(html)
+    page.close()
+    return page
+
+
+def test_the_page_is_well_formed_and_needs_nothing_else(body):
+    html = report_html(replace(body, recipe=recipe_named("A foam")))
+    page = parsed(html)
+    assert page.faults == []
+    assert page.stack == []
+    assert len(set(page.ids)) == len(page.ids)
+    assert html.startswith('<!doctype html>\n<html lang="en">')
+    assert "url(" not in html
+    assert "@import" not in html
+    assert "default-src 'none'" in html
+    labels = [v["aria-labelledby"] for _, v in page.seen if "aria-labelledby" in v]
+    assert set(labels) <= set(page.ids)
+
+
+def test_headings_descend_one_by_one(body):
+    levels = parsed(report_html(replace(body, recipe=recipe_named("A foam")))).headings
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b <= a + 1 for a, b in itertools.pairwise(levels))
+
+
+def test_hostile_text_is_shown_not_obeyed(body):
+    html = report_html(replace(body, recipe=recipe_named(HOSTILE)))
+    page = parsed(html)
+    assert page.faults == []
+    assert HOSTILE in page.words
+    assert "<script" not in html
+    assert "49" not in re.findall(r"<h1>(.*?)</h1>", html, re.S)[0]
+
+
+def test_a_table_has_as_many_cells_in_each_row(body):
+    certified = replace(body, certificate=certify(None, body.grid, body.surface, body.volume))
+    html = report_html(certified)
+    for table in re.findall(r"<table>.*?</table>", html, re.S):
+        columns = len(re.findall("<th ", table.split("</thead>")[0]))
+        for group in re.findall(r"<tbody.*?</tbody>", table, re.S):
+            spans = sum(map(int, re.findall(r'rowspan="(\d+)"', group)))
+            cells = len(re.findall("<td", group)) + len(re.findall("<th", group))
+            rows = len(re.findall("<tr", group))
+            assert cells + max(0, spans - 1) == rows * columns
+
+
+def test_colours_can_be_read(body):
+    html = report_html(body)
+    for ink in set(re.findall(r"(?<![-\w])color: (#[0-9a-f]{3,6})\b", html)):
+        for paper in ("#fff", "#f6f3ee", "#eef7f0", "#fbeeec"):
+            assert contrast(ink, paper) >= 4.5, (ink, paper)
+
+
+def contrast(a, b):
+    """Return the contrast of two colours as WCAG 2 defines it."""
+    light, dark = sorted((luminance(a), luminance(b)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def luminance(colour):
+    digits = colour[1:] if len(colour) == 7 else "".join(c * 2 for c in colour[1:])
+    parts = [int(digits[i : i + 2], 16) / 255 for i in (0, 2, 4)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+# --- what it says --------------------------------------------------------------------------
+
+
+def test_everything_is_said(body):
+    recipe = recipe_named("A foam")
+    words = parsed(report_html(replace(body, recipe=recipe))).words
+    for wanted in (
+        "A foam",
+        recipe.sha256,
+        'keep = "menger"',
+        "1.25 s",
+        "0.4513032",
+        "3 × 4 × 5 = 60",
+        "periodic along y",
+        "≤ 0.125 mm",
+        "4 triangles",
+        "1 tetrahedra",
+        "no step: nothing joins the sides",
+        "surface from voxels",
+        "numpy",
+        "not defined",
+        "1 409",
+    ):
+        assert wanted in words, wanted
+
+
+def test_the_closed_form_comes_first_and_contradictions_are_marked(body):
+    porosity = groups(body.measures)[0]
+    assert [r.method for r in porosity.rows] == ["closed form", "voxel fill", "voxel count"]
+    assert [r.mark for r in porosity.rows] == ["", "agrees", "differs by +4.14%"]
+    assert [(a.method, b.method) for a, b in conflicts(body.measures)] == [
+        ("closed form", "voxel count")
+    ]
+    page = report_html(body)
+    assert page.count('class="differs"') == 1
+
+
+def test_doubts_name_contradictions_resolution_and_spread(body):
+    thin = Measures((row("smallest_feature", 1.5, "prefractal", of="model", unit="mm"),))
+    said = doubts(replace(body, measures=body.measures + thin))
+    assert said[0].startswith("porosity by voxel count of the grid is 0.47 ± 0.002 (95 %)")
+    assert any("smallest feature is 1.5 mm, 1.5 voxels across" in text for text in said)
+    assert any(text.startswith("surface_area is 9.5 ± 1 (95 %) mm²") for text in said)
+    assert any("tortuosity_factor is not defined" in text for text in said)
+    assert not any("genus" in text for text in said)
+
+
+def test_a_body_without_doubts_says_so():
+    result = Result(recipe=None, measures=Measures((row("genus", 5, "closed form", of="model"),)))
+    assert doubts(result) == ()
+    words = parsed(report_html(result)).words
+    assert "No measure contradicts another" in words
+    assert "neither voxels nor a mesh were made" in words
+    assert "Nothing out of the ordinary" in words
+
+
+def test_nothing_at_all_still_makes_a_page():
+    page = parsed(report_html(Result(recipe=None)))
+    assert page.faults == []
+    assert "Nothing was measured" in page.words
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "same"),
+    [
+        (row("v", 1, "m"), row("v", 1 + 1e-12, "n"), True),
+        (row("v", 1, "m"), row("v", 1 + 1e-6, "n"), False),
+        (row("v", 1, "m", 0.1, "bound"), row("v", 1.2, "n", 0.1, "bound"), True),
+        (row("v", 1, "m", 0.1, "bound"), row("v", 1.21, "n", 0.1, "bound"), False),
+        (row("v", 1, "m", 0.1, "standard"), row("v", 1.2, "n"), True),
+        (row("v", math.inf, "m"), row("v", math.inf, "n"), True),
+        (row("v", math.inf, "m"), row("v", 3, "n", 1, "bound"), False),
+        (row("v", math.nan, "m"), row("v", 3, "n"), True),
+    ],
+)
+def test_numbers_agree_within_what_both_admit(a, b, same):
+    assert agree(a, b) == same
+    assert agree(b, a) == same
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (12, "12"),
+        (-4.0, "−4"),
+        (64000000, "64\N{NARROW NO-BREAK SPACE}000\N{NARROW NO-BREAK SPACE}000"),
+        (1 / 3, "0.3333333"),
+        (-1.5e-9, "−1.5e−09"),
+        (math.nan, "not defined"),
+        (math.inf, "infinite"),
+        (-math.inf, "−infinite"),
+    ],
+)
+def test_numbers_are_for_people(value, text):
+    assert number(value) == text
+
+
+def test_the_certificate_is_in_the_report(body):
+    certificate = certify(None, body.grid, body.surface, body.volume)
+    words = parsed(report_html(replace(body, certificate=certificate))).words
+    for check in certificate.rows:
+        assert check.quantity in words
+        assert check.verdict in words
+
+
+# --- the picture and the file --------------------------------------------------------------
+
+
+def test_a_machine_that_cannot_draw_says_so_and_goes_on(body, monkeypatch):
+    def refuse(*_, **__):
+        raise ViewError("this machine cannot draw: libX11 is missing")
+
+    monkeypatch.setattr(_report, "picture", refuse)
+    page = parsed(report_html(body))
+    assert "There is no picture: this machine cannot draw: libX11 is missing" in page.words
+    assert "img" not in [tag for tag, _ in page.seen]
+
+
+def test_a_surface_too_large_to_draw_is_shown_by_its_voxels(body, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(_report, "picture", lambda value, **_: drawn.append(value) or b"x")
+    report_html(body)
+    monkeypatch.setattr(_report, "DRAWN_TRIANGLES", 3)
+    report_html(body)
+    assert drawn == [body.surface, body.grid]
+
+
+def test_a_report_is_written_whole_or_not_at_all(body, tmp_path, monkeypatch):
+    path = tmp_path / "report.html"
+    write_report(body, path)
+    assert path.read_text(encoding="utf-8") == report_html(body)
+    with pytest.raises(DiskError):
+        write_report(body, tmp_path / "nowhere" / "report.html")
+    monkeypatch.setattr(_report, "report_html", lambda _: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_report(body, path)
+    assert path.read_bytes().startswith(b"<!doctype html>")
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    assert disk
+
+
+@pytest.mark.slow
+def test_the_report_of_a_real_run(monkeypatch):
+    monkeypatch.setattr(_report, "picture", view.picture)
+    result = run(load("menger", set={"model.level": 1}))
+    assert build(result.recipe) == result.model
+    page = parsed(report_html(result))
+    assert page.faults == []
+    pictures = [values for tag, values in page.seen if tag == "img"]
+    assert len(pictures) <= 1
+    assert all(len(values["src"]) > 10_000 for values in pictures)
+    assert "0.2592593" in page.words
