@@ -101,7 +101,7 @@ class Phase:
         labels, total = label(mask, self.connectivity)
         owned = labels[block.owned]
         flags = np.zeros((total + 1, 7), bool)
-        for axis in np.flatnonzero(~np.array(grid.frame.periodic)):
+        for axis in (a for a in range(3) if not grid.frame.periodic[a]):
             for flag, layer in ((axis, self.first[axis]), (axis + 3, self.last[axis])):
                 flags[_layer(owned, axis, layer - start[axis]), flag] = True
         flags[self._touching_outside(block, mask, labels), 6] = True

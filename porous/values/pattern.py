@@ -51,11 +51,12 @@ class Pattern(Value):
 
 
 def _staggered() -> Pattern:
-    # Sixteen lines with distinct x and distinct y, and depths shifted by a bit-reversed
-    # sixteenth: no axis-parallel plane passes through many samples at once.
-    a, b = np.divmod(np.arange(16), 4)
-    rows = (np.stack([4 * a + b, 4 * b + a], axis=1) + 0.5) / 16
-    shift = np.array([int(f"{r:04b}"[::-1], 2) for r in range(16)])
+    # Sixteen lines with distinct x and distinct y, and depths shifted by distinct sixteenths: no
+    # axis-parallel plane passes through many samples at once. Which line has which y and shift was
+    # searched for, so that planes of no other direction pass through many either.
+    y = (7, 14, 5, 0, 10, 4, 13, 9, 2, 11, 15, 1, 8, 6, 12, 3)
+    shift = np.array((14, 0, 4, 8, 13, 5, 11, 1, 12, 6, 3, 10, 2, 15, 7, 9))
+    rows = (np.stack([np.arange(16), y], axis=1) + 0.5) / 16
     depths = (np.arange(4) + (shift[:, None] + 0.5) / 16) / 4
     return Pattern(rows, depths)
 

@@ -1,0 +1,223 @@
+"""Model, grid, surface and mesh held against each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from porous.measures import measure
+from porous.models.model import HasBoundary
+from porous.values import Measures, VoxelGrid
+from porous.values.measure import SUBJECTS
+from porous.values.value import Value
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from porous.models.model import Model
+    from porous.values import Measure, SurfaceMesh, VolumeMesh
+
+TARGETS: Mapping[str, float] = MappingProxyType(
+    {"volume": 0.01, "surface_area": 0.05, "components": 0.0, "euler_number": 0.0}
+)
+"""What is compared, and by what part of its value a surface or a mesh may be off."""
+
+ORDERS: Mapping[str, float] = MappingProxyType({"volume": 2.0, "surface_area": 1.0})
+"""How fast the error of a surface from voxels falls with their size: edges and corners that are
+cut off lose volume with its square and area in proportion."""
+
+COVERAGE = 2.0
+"""Standard uncertainties by which an estimate may be off: about 95 %."""
+
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Check(Value):
+    """One quantity of the model, the grid, the surface and the volume mesh side by side.
+
+    Parameters
+    ----------
+    quantity, unit
+        What is compared.
+    model, grid, surface, volume
+        Its values, None where it is not known.
+    tolerance
+        How far surface and mesh may be off, in ``unit``.
+    verdict
+        ``agree``; ``differ``; ``unknown`` where there is nothing to compare with, or what there is
+        is not known well enough.
+    remedy
+        What would mend it, empty where nothing needs to be.
+    """
+
+    quantity: str
+    unit: str
+    model: float | None
+    grid: float | None
+    surface: float | None
+    volume: float | None
+    tolerance: float
+    verdict: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate(Value):
+    """Every check of a result; ``str()`` gives a table."""
+
+    rows: tuple[Check, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._set("rows", tuple(self.rows))
+
+    @property
+    def good(self) -> bool:
+        """Whether no quantity differs."""
+        return all(row.verdict != "differ" for row in self.rows)
+
+    def __str__(self) -> str:
+        head = ("certificate", *SUBJECTS, "tolerance", "verdict")
+        lines = [head, *(_cells(row) for row in self.rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        table = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+        return "\n".join(
+            table + [f"{row.quantity}: {row.remedy}" for row in self.rows if row.remedy]
+        )
+
+
+def certify(
+    model: Model | None = None,
+    grid: VoxelGrid | None = None,
+    surface: SurfaceMesh | None = None,
+    volume: VolumeMesh | None = None,
+    *,
+    measures: Measures | None = None,
+) -> Certificate:
+    """Return volume, area, components and Euler number of all that there is, side by side.
+
+    What is known exactly (a closed form, an exact boundary) is the reference, else the grid. A
+    surface or a mesh agrees where it is within ``TARGETS`` of it; what is measured on the grid is
+    an estimate, and agrees where it is within that or twice its standard uncertainty.
+
+    Parameters
+    ----------
+    model, grid, surface, volume
+        What was made; None where there is none.
+    measures
+        What is known of them. Where not given it is measured now, and surface and mesh are taken
+        to be made from the grid.
+    """
+    if measures is None:
+        measures = _measured(model, grid, surface, volume)
+    periodic = grid is not None and any(grid.frame.periodic)
+    voxels = max(grid.frame.shape) if grid is not None else None
+    found = {quantity: _rows_of(measures, quantity, periodic=periodic) for quantity in TARGETS}
+    checks = [_check(quantity, rows) for quantity, rows in found.items() if rows]
+    exact = isinstance(model, HasBoundary)
+    return Certificate(
+        tuple(
+            replace(check, remedy=_remedy(check, found[check.quantity], voxels, exact=exact))
+            for check in checks
+        )
+    )
+
+
+def _measured(
+    model: Model | None,
+    grid: VoxelGrid | None,
+    surface: SurfaceMesh | None,
+    volume: VolumeMesh | None,
+) -> Measures:
+    subjects = [subject for subject in (model, grid, surface, volume) if subject is not None]
+    return sum((measure(s, model=model, grid=grid) for s in subjects), start=Measures())
+
+
+def _rows_of(measures: Measures, quantity: str, *, periodic: bool) -> dict[str, Measure]:
+    """Return the best row of each subject; along periodic axes only the interface is area."""
+    name = "interface_area" if periodic and quantity == "surface_area" else quantity
+    by_subject = {s: Measures(tuple(r for r in measures if r.of == s)) for s in SUBJECTS}
+    return {s: table[name] for s, table in by_subject.items() if name in table}
+
+
+def _check(quantity: str, rows: dict[str, Measure]) -> Check:
+    reference = _reference(list(rows.values()))
+    tolerance = TARGETS[quantity] * abs(reference.value)
+    verdicts = {
+        _verdict(row, reference, tolerance) for row in rows.values() if row is not reference
+    }
+    verdict = next((v for v in ("differ", "unknown", "agree") if v in verdicts), "unknown")
+    values = {subject: row.value for subject, row in rows.items()}
+    return Check(
+        quantity,
+        reference.unit,
+        values.get("model"),
+        values.get("grid"),
+        values.get("surface"),
+        values.get("volume"),
+        tolerance,
+        verdict,
+    )
+
+
+def _reference(rows: Sequence[Measure]) -> Measure:
+    """Return the row that is held to be true: of the model, of an exact boundary, of the grid."""
+    trusted = [row for row in rows if row.of == "model" or row.method == "exact boundary"]
+    return (trusted or list(rows))[0]
+
+
+def _certain(row: Measure) -> bool:
+    return row.of == "model" or row.method == "exact boundary" or row.kind == "exact"
+
+
+def _width(row: Measure) -> float:
+    return (COVERAGE if row.kind == "standard" else 1.0) * row.uncertainty
+
+
+def _verdict(row: Measure, reference: Measure, tolerance: float) -> str:
+    gap = abs(row.value - reference.value)
+    allowed = tolerance + ROUNDING * abs(reference.value)
+    if row.of == "grid":
+        allowed = max(allowed, _width(row))
+    if gap <= allowed:
+        return "agree"
+    if _certain(reference) or gap > _width(row) + _width(reference):
+        return "differ"
+    return "unknown"
+
+
+def _remedy(check: Check, rows: dict[str, Measure], voxels: int | None, *, exact: bool) -> str:
+    if check.verdict == "agree":
+        return ""
+    if len(rows) < 2:
+        return "there is nothing to compare it with"
+    made = [row for row in rows.values() if row.of in ("surface", "volume")]
+    if exact and made and all(row.method != "exact boundary" for row in made):
+        return 'surface.method = "exact" takes the boundary from the model, without voxels' + (
+            f"; or {_finer(check, rows, voxels)}" if voxels else ""
+        )
+    if any(row.method == "exact boundary" for row in made) or not voxels:
+        return "the volume mesh departs from its surface: wanted a shorter volume.edge_length"
+    return _finer(check, rows, voxels)
+
+
+def _finer(check: Check, rows: dict[str, Measure], voxels: int) -> str:
+    """Name the resolution at which the difference would be within its tolerance."""
+    if not check.tolerance:
+        return (
+            f"more than {2 * voxels} voxels along the longest edge keep thin walls and gaps apart"
+        )
+    reference = _reference(list(rows.values()))
+    gap = max(abs(row.value - reference.value) for row in rows.values())
+    factor = (gap / check.tolerance) ** (1 / ORDERS[check.quantity])
+    needed = math.ceil(voxels * max(factor, 1.2))
+    return f"about {needed} voxels along the longest edge would be within {check.tolerance:.2g}"
+
+
+def _cells(row: Check) -> tuple[str, ...]:
+    values = (row.model, row.grid, row.surface, row.volume)
+    unit = "" if row.unit == "1" else f" {row.unit}"
+    shown = ["—" if value is None else f"{value:.7g}" for value in values]
+    return (f"{row.quantity}{unit}", *shown, f"{row.tolerance:.2g}", row.verdict)
