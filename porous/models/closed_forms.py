@@ -1,9 +1,10 @@
 """What is known in closed form of systems whose level-1 cells lie side by side in the primitive.
 
-Where every map sends the (hull of the) primitive into itself, and the images of the hull have no
-inner points in common, then so it is at every level: volumes add up to (Σ|det Aᵢ|)ⁿ·V₀. Where the
-images also share no area and the maps are similarities, so do areas, (Σ rᵢ²)ⁿ·S₀, and cells are
-pieces of their own. For several states the sums run along the transitions.
+Where every map sends a convex container of the primitive (its hull, or its box) into itself, and
+the images of the container have no inner points in common, then so it is at every level: volumes
+add up to (Σ|det Aᵢ|)ⁿ·V₀. Where the cells also share no area and the maps are similarities, so do
+areas, (Σ rᵢ²)ⁿ·S₀, and convex cells are pieces of their own. For several states the sums run along
+the transitions.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ TOLERANCE = 1e-9
 """Overlaps and overhangs up to this part of the primitive's size count as none."""
 
 MOST_CHILDREN = 64
-"""Beyond so many children of a state their pairs are not looked at."""
+"""Beyond so many children of a state their pairs are not looked at, nor hulls of more corners."""
 
 
 class ClosedForms(NamedTuple):
@@ -49,8 +50,8 @@ class _Solid(NamedTuple):
 
 def closed_forms(automaton: Automaton, primitive: Primitive, level: int) -> ClosedForms | None:
     """Return what is known of the level's union of cells, or None where nothing is."""
-    apart = None if not _finite(automaton) else _arrangement(automaton, primitive)
-    if level and apart is None:
+    apart = _arrangement(automaton, primitive) if level else True
+    if apart is None:
         return None
     dets = np.abs(np.linalg.det(automaton.maps[:, :, :3]))
     volume = _summed(automaton, dets, level) * primitive.volume
@@ -64,11 +65,6 @@ def closed_forms(automaton: Automaton, primitive: Primitive, level: int) -> Clos
     return ClosedForms(volume, area, pieces)
 
 
-def _finite(automaton: Automaton) -> bool:
-    # Terminal cells are carried through: the argument would need them inside the others' images.
-    return all(0 < len(children) <= MOST_CHILDREN for children in automaton.children)
-
-
 def _summed(automaton: Automaton, weights: NDArray[np.float64], level: int) -> float:
     total = np.ones(len(automaton.states))
     for _ in range(level):
@@ -80,39 +76,60 @@ def _summed(automaton: Automaton, weights: NDArray[np.float64], level: int) -> f
 
 
 def _arrangement(automaton: Automaton, primitive: Primitive) -> bool | None:
-    """Return None where images overlap or stick out, else whether no two share area."""
-    if primitive.radius is not None and ratios(automaton) is None:
+    """Return None where cells may overlap, else whether it is known that no two share area."""
+    # Terminal cells are carried through: the argument would need them inside the others' images.
+    if not all(0 < len(children) <= MOST_CHILDREN for children in automaton.children):
         return None
-    whole = _solid(primitive)
-    size = float(np.ptp(whole.corners, axis=0).max()) + 2 * whole.radius
+    if np.abs(np.linalg.det(automaton.maps[:, :, :3])).min() <= 0:
+        return None
+    similar = ratios(automaton) is not None
+    for container in _containers(primitive, similar=similar):
+        apart = _nested(automaton, container)
+        if apart is not None:
+            # Balls that do not overlap touch in points.
+            return apart or (primitive.radius is not None and similar)
+    return None
+
+
+def _nested(automaton: Automaton, container: _Solid) -> bool | None:
+    """Return None unless images lie side by side in the container, else whether none share area."""
+    slack = TOLERANCE * (float(np.ptp(container.corners, axis=0).max()) + 2 * container.radius)
     apart = True
     for state in range(len(automaton.states)):
         chosen = [i for i, t in enumerate(automaton.transitions) if t.source == state]
-        maps = automaton.maps[chosen]
-        if np.abs(np.linalg.det(maps[:, :, :3])).min() <= 0:
-            return None
-        images = [_image(whole, F) for F in maps]
-        if not all(_inside(image, whole, TOLERANCE * size) for image in images):
+        images = [_image(container, F) for F in automaton.maps[chosen]]
+        if not all(_inside(image, container, slack) for image in images):
             return None
         for a, b in combinations(images, 2):
-            shared = _shared(a, b, TOLERANCE * size)
+            shared = _shared(a, b, slack)
             if shared is None:
                 return None
             apart = apart and not shared
     return apart
 
 
-def _solid(primitive: Primitive) -> _Solid:
-    from porous.models import primitive as primitives
+def _containers(primitive: Primitive, *, similar: bool) -> list[_Solid]:
+    """Return convex solids that hold the primitive: its hull or itself, and its box."""
+    from porous.models.primitive import convex_hull, named
 
+    cube = _polyhedron(named("cube"))
+    lower, upper = np.array(primitive.box.lower), np.array(primitive.box.upper)
+    box = cube._replace(corners=lower + cube.corners * (upper - lower))
     if primitive.radius is not None:
         empty = np.zeros((0, 3))
-        return _Solid(primitive.points, empty, empty, primitive.radius)
-    hull = primitive if primitive.convex else primitives.convex_hull(primitive.points)
-    ends = hull.points[hull.edges]
+        own = _Solid(primitive.points, empty, empty, primitive.radius)
+        return [own, box] if similar else [box]
+    if primitive.convex:
+        return [_polyhedron(primitive), box]
+    hull = convex_hull(primitive.points)
+    return [_polyhedron(hull), box] if len(hull.points) <= MOST_CHILDREN else [box]
+
+
+def _polyhedron(solid: Primitive) -> _Solid:
+    ends = solid.points[solid.edges]
     edges = ends[:, 1] - ends[:, 0]
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    return _Solid(hull.points, hull.planes[:, :3], _directions(edges), 0.0)
+    return _Solid(solid.points, solid.planes[:, :3], _directions(edges), 0.0)
 
 
 def _directions(vectors: Points) -> Points:

@@ -158,19 +158,20 @@ def _shrinking_words(
     )
     done, above, front = [], [empty], empty
     total = 0
+    many = max(len(children) for children in automaton.children)
     while len(front.sources):
+        total += len(front.sources) * many
+        if total > MOST_WORDS + len(single.sources):
+            raise ModelError(
+                "the maps contract so slowly together that no enclosure of the attractor was "
+                f"found among {MOST_WORDS} words; scale them down"
+            )
         front = _extended(front, single)
         left, right = bases.transpose(0, 2, 1)[front.sources], inverses[front.targets]
         short = np.linalg.norm(left @ front.A @ right, 2, axis=(1, 2)) <= SHRUNK
         done.append(_Words(*(field[short] for field in front)))
         front = _Words(*(field[~short] for field in front))
         above.append(front)
-        total += len(short)
-        if total > MOST_WORDS:
-            raise ModelError(
-                "the maps contract so slowly together that no enclosure of the attractor was "
-                f"found among {MOST_WORDS} words; scale them down"
-            )
     return _joined(done), _joined(above)
 
 
@@ -286,7 +287,8 @@ def _least(
 ) -> NDArray[np.float64]:
     """Return R_q ≥ reach_q with R_q ≥ shift + shrink·R_r for all words, from below."""
     if len(reach) == 1:
-        return np.maximum(reach, (shift / (1 - shrink)).max(keepdims=True)) * (1 + SLACK) + 1e-12
+        least = np.maximum(reach, (shift / (1 - shrink)).max(keepdims=True))
+        return np.asarray(least * (1 + SLACK) + 1e-12)
     radii = reach
     while True:
         wanted = reach.copy()
@@ -413,6 +415,7 @@ def _support(
     start = np.array([automaton.start])
     rows = _bounded(enclosure, start, direction[None], np.zeros(1), np.array([np.inf]))
     best, settled = -np.inf, -np.inf
+    many = max(len(children) for children in automaton.children)
     for _ in range(DEEPEST):
         reached = _reached(inner, rows)
         best = max(best, reached.max())
@@ -421,7 +424,7 @@ def _support(
         # A terminal cell is what is drawn there: its support is known.
         settled = max(settled, np.where(ends, reached, rows.bounds)[done].max(initial=-np.inf))
         rows = _Rows(rows.states[~done], rows.a[~done], rows.offsets[~done], rows.bounds[~done])
-        if not 0 < len(rows.bounds) <= MOST_WORDS:
+        if not 0 < len(rows.bounds) * many <= MOST_WORDS * 10:
             break
         rows = _longer(automaton, enclosure, rows)
     scale = float(np.abs([enclosure.lower, enclosure.upper]).max())

@@ -22,14 +22,19 @@ def exact_measures(model: IFS, periodic: Axes) -> tuple[Measure, ...]:
 
     Of digit sets: volume, porosity, area, Euler numbers in both conventions, and pieces and genus
     where they follow level by level; of other systems what ``closed_forms`` knows, in vacuum.
-    ``surface_area`` is the whole surface in vacuum; along periodic axes the body goes on, so only
-    the interface is left, and both names give it. Nothing is said of bodies that are grown by an
-    offset or by balls, of cut sets and attractors.
+    ``surface_area`` is that of a body that ends at the domain along axes in vacuum and goes on
+    along periodic ones; ``interface_area`` leaves out what lies on the domain's sides. Nothing is
+    said of bodies that are grown by an offset or by balls, of cut sets and attractors, nor where
+    the recipe's own domain cuts the body or leaves a gap to its periodic copies.
     """
+    box = model.primitive.box
+    whole = _holds(model.domain, box)
     if model.plain_digits is not None:
-        return _of_digits(model, periodic)
+        tiles = whole and _holds(box, model.domain)
+        known = tiles if any(periodic) else whole
+        return _of_digits(model, periodic, tiles=tiles) if known else ()
     plain = not model.offset and (model.contacts != "fuse" or not len(model.balls))
-    if not isinstance(model.level, int) or not plain or any(periodic):
+    if not isinstance(model.level, int) or not plain or not whole or any(periodic):
         return ()
     found = closed_forms(model.automaton, model.primitive, model.level)
     if found is None:
@@ -42,7 +47,7 @@ def exact_measures(model: IFS, periodic: Axes) -> tuple[Measure, ...]:
     return tuple(rows)
 
 
-def _of_digits(model: IFS, periodic: Axes) -> tuple[Measure, ...]:
+def _of_digits(model: IFS, periodic: Axes, *, tiles: bool) -> tuple[Measure, ...]:
     from porous.models.oracle import Prefractal
 
     assert model.digits is not None
@@ -52,7 +57,14 @@ def _of_digits(model: IFS, periodic: Axes) -> tuple[Measure, ...]:
     voxels = model.digits.divisions**model.level
     rows = _volumes(model, _ratio(body.cells, voxels**3) * side**3)
     rows += _areas(model, _ratio(body.faces, voxels**2) * side**2)
+    if tiles:
+        inner = _ratio(body.faces - body.border_faces, voxels**2) * side**2
+        rows.append(_exact("interface_area", inner, f"{model.unit}²"))
     return (*rows, *_topology(body))
+
+
+def _holds(outer: Box, inner: Box) -> bool:
+    return outer.contains(inner, tolerance=1e-9 * max(inner.lengths))
 
 
 def _topology(body: Prefractal) -> list[Measure]:
@@ -73,7 +85,7 @@ def _ratio(a: int, b: int) -> float:
 
 def _volumes(model: IFS, volume: float) -> list[Measure]:
     rows = [_exact("volume", volume, f"{model.unit}³")]
-    if model.bulk.contains(_body_box(model), tolerance=1e-9 * max(model.bulk.lengths)):
+    if _holds(model.bulk, model.primitive.box):
         density = volume / model.bulk.volume
         rows.append(_exact("porosity", 1 - density, "1"))
         rows.append(_exact("relative_density", density, "1"))
@@ -81,19 +93,11 @@ def _volumes(model: IFS, volume: float) -> list[Measure]:
 
 
 def _areas(model: IFS, area: float) -> list[Measure]:
-    rows = [
-        _exact("surface_area", area, f"{model.unit}²"),
-        _exact("interface_area", area, f"{model.unit}²"),
-    ]
-    if model.bulk.contains(_body_box(model), tolerance=1e-9 * max(model.bulk.lengths)):
+    rows = [_exact("surface_area", area, f"{model.unit}²")]
+    if _holds(model.bulk, model.primitive.box):
         per_volume = area / model.bulk.volume
         rows.append(_exact("specific_surface_area", per_volume, f"1/{model.unit}"))
     return rows
-
-
-def _body_box(model: IFS) -> Box:
-    # Closed forms are known where every map sends the primitive into itself.
-    return model.primitive.box
 
 
 def _numbers(**values: int | None) -> list[Measure]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from porous.errors import MeshError, ModelError, nearest
 from porous.models import digits as digit_sets
@@ -29,6 +30,14 @@ from porous.models.digits import DigitSet
 from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import least_shrinkage, narrowest_run, thinnest
 from porous.models.primitive import Primitive
+from porous.models.sections import (
+    BoxSection,
+    DigitsSection,
+    MapSection,
+    MeshSection,
+    Section,
+    SizeSection,
+)
 from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value
@@ -41,6 +50,9 @@ if TYPE_CHECKING:
     from porous.values import Frame, Measure, Pattern, SurfaceMesh
 
 KIND = "ifs"
+
+MOST_MAPS = 100_000
+"""A system of more maps is refused: each is looked at on its own."""
 
 BOX_TOLERANCE = 1e-3
 """How far too wide the certified box of an orbit may be, as a part of its longest edge."""
@@ -321,85 +333,7 @@ def check_level(level: object) -> None:
         raise ModelError(f"level: got {level}; wanted 0 … {DEEPEST}")
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-Triple = Annotated[tuple[float, float, float], Field(strict=False)]
-Matrix = Annotated[tuple[Triple, Triple, Triple], Field(strict=False)]
-Digit = Annotated[tuple[int, int, int], Field(strict=False)]
-
-
-class SizeSection(_Section):
-    """A level by size."""
-
-    size: float = Field(gt=0, description="a length above zero: refine until cells are smaller")
-
-
-class MeshSection(_Section):
-    """A primitive of one's own."""
-
-    mesh: Path = Field(strict=False, description="a path to a closed STL, PLY or OBJ file")
-
-
-class DigitsSection(_Section):
-    """Lattice-aligned maps x ↦ (x + d) / divisions."""
-
-    divisions: int | None = Field(
-        default=None,
-        ge=2,
-        le=digit_sets.LARGEST,
-        description=f"a whole number, 2 … {digit_sets.LARGEST}; a named set has its own",
-    )
-    keep: str | Annotated[tuple[Digit, ...], Field(strict=False)] = Field(
-        description="a list of [i, j, k], each once and below divisions, or the name of a set"
-    )
-
-    @model_validator(mode="after")
-    def _known(self) -> Self:
-        try:
-            self.digits()
-        except ModelError as error:
-            raise ValueError(str(error)) from None
-        return self
-
-    def digits(self) -> DigitSet:
-        """Return the digit set."""
-        if isinstance(self.keep, str):
-            if self.keep not in digit_sets.names():
-                near = nearest(self.keep, digit_sets.names())
-                raise ModelError(f"no set of digits {self.keep!r}{near}")
-            return digit_sets.named(self.keep, self.divisions)
-        if self.divisions is None:
-            raise ModelError("digits: wanted divisions beside a list of digits")
-        return DigitSet(self.divisions, np.array(self.keep, np.int64).reshape(-1, 3))
-
-
-class MapSection(_Section):
-    """An affine map x ↦ matrix·x + translation."""
-
-    matrix: Matrix = Field(description="three rows of three numbers")
-    translation: Triple = Field(default=(0.0, 0.0, 0.0), description="three numbers")
-
-
-class BoxSection(_Section):
-    """A box in model units, like the maps."""
-
-    lower: Triple = Field(description="three numbers")
-    upper: Triple = Field(description="three numbers, none below its lower bound")
-
-    @model_validator(mode="after")
-    def _proper(self) -> Self:
-        if any(a >= b for a, b in zip(self.lower, self.upper, strict=True)):
-            raise ValueError(f"got upper {self.upper}; wanted it above lower {self.lower}")
-        return self
-
-    def box(self) -> Box:
-        """Return the box."""
-        return Box(self.lower, self.upper)
-
-
-class IFSSection(_Section):
+class IFSSection(Section):
     """The ``[model]`` table of an iterated function system."""
 
     kind: Literal["ifs"] = Field(default="ifs", description='"ifs"')
@@ -510,9 +444,10 @@ def ifs(
         As ``build``.
     """
     system = maps if isinstance(maps, Automaton | DigitSet) else None
+    pairs: Any = () if system is not None else maps
     return _built(
         system,
-        [] if system is not None else list(maps),  # type: ignore[arg-type]
+        list(islice(pairs, MOST_MAPS + 1)),
         level=level,
         primitive=_primitive(primitive, None),
         size=size,
@@ -545,6 +480,9 @@ def _system(
     given: DigitSet | Automaton | None, maps: list[tuple[ArrayLike, ArrayLike]], name: str
 ) -> tuple[Automaton, DigitSet | None]:
     """Return the automaton, and the digit set where cells are the sub-cubes of a cube."""
+    amount = len(given.keep) if isinstance(given, DigitSet) else len(maps)
+    if amount > MOST_MAPS:
+        raise ModelError(f"maps: wanted at most {MOST_MAPS}, got more")
     if isinstance(given, Automaton):
         return given, None
     if isinstance(given, DigitSet):

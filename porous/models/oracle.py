@@ -72,6 +72,17 @@ class Prefractal(Value):
         """Number of voxel faces between solid and void."""
         return sum(self.count(f"faces_{axis}") for axis in "xyz")
 
+    @property
+    def border_faces(self) -> int:
+        """Number of solid voxel faces on the cube's sides, of axes in vacuum."""
+        ends = (0, self.digits.divisions - 1)
+        return sum(
+            int((self.digits.keep[:, axis] == end).sum()) ** self.level
+            for axis, wraps in enumerate(self.periodic)
+            if not wraps
+            for end in ends
+        )
+
     def components(self, connectivity: int = 6) -> int | None:
         """Return the number of pieces where it follows level by level, else None.
 
