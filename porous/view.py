@@ -17,7 +17,8 @@ import numpy as np
 
 from porous.errors import GuestError, ViewError
 from porous.guests.process import run, workplace
-from porous.values import SHAPES, SurfaceMesh, VolumeMesh, VoxelGrid
+from porous.values import SurfaceMesh, VolumeMesh, VoxelGrid
+from porous.values.volume_topology import boundary_faces, nodes_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -133,17 +134,8 @@ def _polygons(value: Drawable) -> Polygons:
 
 def _boundary(mesh: VolumeMesh) -> NDArray[np.int64]:
     """Faces that just one cell has, shape (f, 4); a triangle names its last point twice."""
-    faces = [
-        block.cells[:, (*face, *face[-1:])[:4]]
-        for block in mesh.blocks
-        for face in SHAPES[block.shape].faces
-    ]
-    every = np.concatenate(faces) if faces else np.zeros((0, 4), np.int64)
-    _, first, times = np.unique(
-        np.sort(every, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    alone: NDArray[np.int64] = every[first[times == 1]]
-    return alone
+    nodes = nodes_of(mesh, boundary_faces(mesh))
+    return np.where(nodes < 0, nodes[:, 2:3], nodes)
 
 
 def _thinned(grid: VoxelGrid) -> VoxelGrid:

@@ -19,6 +19,9 @@ FEW = 3
 NOTEWORTHY = 0.01
 """Relative half-width from which a best number is said to be uncertain."""
 
+ONE_SIDED = ("upper bound",)
+"""Methods that say how much a quantity is at most, and no more."""
+
 
 def doubts(result: Result) -> tuple[str, ...]:
     """Return what a reader should not take for certain, the gravest first."""
@@ -51,6 +54,8 @@ def _of_spread(result: Result) -> Iterator[str]:
         row = result.measures[name]
         if math.isnan(row.value):
             yield f"{name} is not defined for this body ({row.method})."
+        elif row.method in ONE_SIDED:
+            yield f"{name} is at most {number(row.value)}; how much less is not known."
         elif not half_width(row) <= NOTEWORTHY * abs(row.value):
             yield (
                 f"{name} is {_shown(row)}: the best there is ({row.method}) leaves "
