@@ -290,6 +290,14 @@ def test_features_and_pores_of_menger():
     assert grown.smallest_pore() == pytest.approx(0.6)
 
 
+def test_deep_levels_have_features_too():
+    model = ifs(named("menger"), level=2000)
+    assert model.smallest_feature() == model.smallest_pore() == 0.0
+    assert model.feature_size is None
+    assert exact(model)["porosity"] == 1.0
+    assert exact(model)["euler_number"] == -math.inf
+
+
 def test_the_finest_printable_level():
     model = ifs(named("menger"), level=1, size=27.0)
     assert [model.finest_printable_level(f) for f in (28, 27, 9.5, 9, 1, 0.9)] == [

@@ -20,7 +20,7 @@ from porous.values.value import Value
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from porous.models.automaton import Automaton
+    from porous.models.automaton import Automaton, Transition
 
 MARGIN = 1e-12
 """An upper bound must be this far below one to count as a proof in floating point."""
@@ -33,6 +33,8 @@ BUDGET = 100_000
 
 REFINEMENT = 3_000
 """How many products it may form to narrow the bounds of an answer that is known."""
+
+EPSILON = float(np.finfo(float).eps)
 
 LONGEST = 400
 """The longest word that is looked at."""
@@ -225,18 +227,30 @@ def _block(
 ) -> _Block:
     chosen = [np.flatnonzero(member[a:b]) for a, b in pairwise(first)]
     size = max(map(len, chosen))
-    letters, ends, parts = [], [], []
+    letters, ends, parts, errors = [], [], [], []
     for letter, (t, A) in enumerate(zip(automaton.transitions, matrices, strict=True)):
         rows, columns = chosen[t.source], chosen[t.target]
         if len(rows) and len(columns):
             part = np.zeros((size, size))
             part[: len(rows), : len(columns)] = A[np.ix_(rows, columns)]
+            doubt = _rounding(automaton, t) * (A != 0)
+            errors.append(float(np.linalg.norm(doubt[np.ix_(rows, columns)])))
             letters.append(letter)
             ends.append((t.source, t.target))
             parts.append(part)
     sources, targets = np.array(ends).T
-    stacked = np.stack(parts)
-    return _Block(tuple(letters), sources, targets, stacked, np.zeros(len(parts)))
+    return _Block(tuple(letters), sources, targets, np.stack(parts), np.array(errors))
+
+
+def _rounding(automaton: Automaton, t: Transition) -> NDArray[np.float64]:
+    """Return bounds on the rounding errors of a linear part's entries; zeros are exact."""
+    weights = np.abs(t.matrix)
+    if not automaton.spatial:
+        return EPSILON * (weights[:-1, :-1] + weights[:-1, -1:])
+    inverse = automaton.states[t.target].inverse
+    assert inverse is not None
+    controls = np.abs(automaton.states[t.source].controls)
+    return np.asarray(8 * EPSILON * (controls @ weights @ np.abs(inverse))[:, :3])
 
 
 def _search(block: _Block) -> _Search:
@@ -263,7 +277,7 @@ def _in_adapted_norm(block: _Block) -> _Block | None:
     matrices = left @ block.matrices @ right
     norms = [np.linalg.norm(m, 2, axis=(1, 2)) for m in (left, block.matrices, right)]
     conditions = np.linalg.cond(bases)[block.targets]
-    errors = 64 * np.finfo(float).eps * norms[0] * norms[1] * norms[2] * conditions
+    errors = norms[0] * norms[2] * (64 * EPSILON * norms[1] * conditions + block.errors)
     return block._replace(matrices=matrices, errors=errors)
 
 
@@ -327,7 +341,7 @@ def _longer(words: _Words, block: _Block) -> _Words:
     i, j = np.nonzero(follows)
     products = words.products[i] @ block.matrices[j]
     sizes, steps = _norms(words.products)[i], _norms(block.matrices)[j]
-    rounding = 8 * len(products[0]) * np.finfo(float).eps * sizes * steps
+    rounding = 8 * len(products[0]) * EPSILON * sizes * steps
     errors = words.errors[i] * (steps + block.errors[j]) + sizes * block.errors[j] + rounding
     letters = np.hstack([words.letters[i], j[:, None]])
     means = (_norms(products) + errors) ** (1 / letters.shape[1]) * (1 + 1e-15)

@@ -80,7 +80,7 @@ def _topology(body: Prefractal) -> list[Measure]:
 
 def _ratio(a: int, b: int) -> float:
     # Whole numbers of a deep level are no floats; their ratio is one.
-    return float(Fraction(a, b))
+    return _real(Fraction(a, b))
 
 
 def _volumes(model: IFS, volume: float) -> list[Measure]:
@@ -104,11 +104,11 @@ def _numbers(**values: int | None) -> list[Measure]:
     return [_exact(name, _real(value), "1") for name, value in values.items() if value is not None]
 
 
-def _real(value: int) -> float:
+def _real(value: int | Fraction) -> float:
     try:
         return float(value)
     except OverflowError:
-        return math.copysign(math.inf, value)
+        return math.inf if value > 0 else -math.inf
 
 
 def _exact(name: str, value: float, unit: str) -> Measure:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -284,8 +285,8 @@ class IFS(Value):
         run = narrowest_run(self.digits, self.level)
         if run is None:
             return None
-        side = self.primitive.box.lengths[0] / float(self.digits.divisions) ** self.level
-        return max(0.0, run * float(side) - 2 * self.offset)
+        part = float(Fraction(run, self.digits.divisions**self.level))
+        return max(0.0, part * self.primitive.box.lengths[0] - 2 * self.offset)
 
     def finest_printable_level(self, feature: float) -> float | None:
         """Return the last level up to which no cell is thinner than ``feature``, in ``unit``.
