@@ -7,7 +7,7 @@ import psutil
 import pytest
 
 from porous import memory
-from porous.errors import MemoryLimitError
+from porous.errors import MemoryLimitError, RecipeError
 
 GIB = 2**30
 
@@ -72,6 +72,27 @@ def test_the_group_binds_where_it_is_lower_than_the_machine(tmp_path, monkeypatc
     group(root, 10**18, 0, 0, version=2)
     machine = psutil.virtual_memory().available * memory.SHARE
     assert memory.available() == pytest.approx(machine, rel=0.2)
+
+
+def test_the_user_lowers_the_limit(monkeypatch):
+    monkeypatch.setenv("POROUS_MAX_MEMORY", "1M")
+    assert memory.available() == 2**20
+    monkeypatch.setenv("POROUS_MAX_MEMORY", "999P")
+    assert memory.available() < 2**50
+
+
+@pytest.mark.parametrize(
+    ("text", "amount"),
+    [("8G", 8 * GIB), ("500 MiB", 500 * 2**20), ("1.5k", 1536), ("1000000", 10**6), ("2TB", 2**41)],
+)
+def test_amounts_of_memory(text, amount):
+    assert memory.parse(text) == amount
+
+
+@pytest.mark.parametrize("text", ["", "lots", "-1G", "0", "1e9", "1 G B", "9" * 5000])
+def test_what_is_no_amount_of_memory(text):
+    with pytest.raises(RecipeError, match="wanted an amount such as 8G"):
+        memory.parse(text)
 
 
 def test_the_limit_on_the_address_space_binds():

@@ -60,17 +60,12 @@ def open_source(path: str | Path) -> Source:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError) as error:
         raise FormatError(f"cannot be opened: {_reason(error)}") from None
-    with io.FileIO(handle) as stream:
-        status = os.fstat(handle)
-        if not stat.S_ISREG(status.st_mode):
-            raise FormatError("is not a regular file")
-        if not status.st_size:
-            raise FormatError("is empty")
-        check_memory(2 * status.st_size, "its bytes", "Cut it into parts.")
-        try:
-            return Source(str(path), stream.readall())
-        except OSError as error:
-            raise FormatError(f"cannot be read: {_reason(error)}") from None
+    try:
+        return Source(str(path), _bytes(handle))
+    except OSError as error:
+        raise FormatError(f"cannot be read: {_reason(error)}") from None
+    finally:
+        os.close(handle)
 
 
 def need(wanted: int, have: int, what: str, *, unit: str = "bytes") -> None:
@@ -177,6 +172,17 @@ def refuse(what: str, got: object, wanted: str) -> NoReturn:
     shown = repr(got)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}…"
     raise FormatError(f"{what}: got {shown}; wanted {wanted}")
+
+
+def _bytes(handle: int) -> bytes:
+    status = os.fstat(handle)
+    if not stat.S_ISREG(status.st_mode):
+        raise FormatError("is not a regular file")
+    if not status.st_size:
+        raise FormatError("is empty")
+    check_memory(2 * status.st_size, "its bytes", "Cut it into parts.")
+    with io.FileIO(handle, closefd=False) as stream:
+        return stream.readall()
 
 
 def _tokens(text: bytes, start: int, what: str) -> tuple[list[bytes], int]:

@@ -42,7 +42,7 @@ METHODS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: RATIO}
 """How many bytes one byte of a member may become."""
 END = b"PK\x05\x06"
 MAGIC = b"\x93NUMPY"
-HEAD = 4096
+HEAD, AXES = 4096, 3
 DESCRIPTION = re.compile(
     r"\{'descr': '([<>|=]?(?:b1|[iu][1248]|f[248]|U[1-9][0-9]{0,3}))', "
     r"'fortran_order': (True|False), "
@@ -53,7 +53,9 @@ DESCRIPTION = re.compile(
 def read(source: Source) -> VoxelGrid:
     """Read a grid of voxels."""
     _check_directory(source.data)
-    with _damage("the archive"), zipfile.ZipFile(io.BytesIO(source.data)) as archive:
+    with _damage("the archive"):
+        archive = zipfile.ZipFile(io.BytesIO(source.data))
+    with archive:
         return _grid(_Arrays(archive))
 
 
@@ -120,8 +122,8 @@ class _Arrays:
         if name not in self.members:
             return None
         values = self._read(name)
-        if values.ndim != 3:
-            refuse(f"shape of {name}", values.shape, "three axes")
+        if values.ndim != 3 or values.dtype not in (bool, np.uint8):
+            refuse(name, f"{values.dtype} of shape {values.shape}", "uint8 or bool, three axes")
         return values * np.uint8(255) if values.dtype == bool else values
 
     def three(self, name: str, default: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
@@ -181,6 +183,8 @@ def _described(
     if match is None:
         refuse(f"header of {name}", text.strip(), "an array of plain numbers or texts")
     shape = tuple(int(word) for word in match[3].split(",") if word.strip())
+    if len(shape) > AXES:
+        refuse(f"shape of {name}", shape, f"at most {AXES} axes")
     return np.dtype(match[1]), match[2] == "True", shape, info.file_size - 8 - width - length
 
 
@@ -210,9 +214,7 @@ def _damage(what: str) -> Iterator[None]:
 
 def _check_directory(data: bytes) -> None:
     """Refuse a table of contents so long that ``zipfile`` would swell on reading it."""
-    place = max(
-        len(data) - 22, 0
-    )  # where it stands if no comment follows: zipfile looks here first
+    place = max(len(data) - 22, 0)  # without a comment it stands here: zipfile looks here first
     if not data.startswith(END, place):
         place = data.rfind(END, -DIRECTORY - 22)
     if place < 0:

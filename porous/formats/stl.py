@@ -101,7 +101,7 @@ def _read_binary(source: Source) -> tuple[NDArray[np.float64], str]:
 def _header(text: bytes) -> tuple[str, NDArray[np.float64]]:
     if not text.startswith(b"porous STL "):
         return "mm", np.zeros(3)
-    words = dict(re.findall(r"(\w+)=(\S+)", text.decode("ascii", "replace")))
+    words = dict(re.findall(r"(\w+)=([^\s\0]+)", text.decode("ascii", "replace")))
     unit = words.get("unit", "mm")
     if unit not in METRES:
         refuse("unit in the header", unit, f"one of {', '.join(METRES)}")
@@ -140,7 +140,8 @@ def _weld(source: Source, corners: NDArray[np.float64], unit: str) -> SurfaceMes
     triangles = rank[place].reshape(-1, 3)
     proper = triangles[_proper(triangles)]
     if not len(proper):
-        raise FormatError(f"none of {len(triangles)} facets is a triangle; wanted at least one")
+        what = f"none of {len(triangles)} facets has three corners" if len(rows) else "no facets"
+        raise FormatError(f"{what}; wanted at least one")
     surface = SurfaceMesh(rows[first[order]], proper, unit)
     _notes(source, surface, len(triangles) - len(proper))
     return surface
