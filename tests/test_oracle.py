@@ -6,10 +6,12 @@ import naive_oracle as naive
 import numpy as np
 import pytest
 
-from porous.kernels.windows import FUNCTIONALS
+from porous.kernels.windows import FUNCTIONALS, window_histogram
 from porous.models.digits import DigitSet, named
 from porous.models.features import narrowest_run
+from porous.models.ifs import ifs
 from porous.models.oracle import Prefractal
+from porous.stages import voxelize
 
 # Cells, faces and χ of the closed union at level n, for n ≥ the last column.
 TABLE = {
@@ -190,3 +192,31 @@ def test_many_divisions_cost_no_loop_over_sub_cubes():
     padded = np.pad(np.pad(solid, ((0, 0), (1, 1), (0, 0)), mode="wrap"), ((1, 1), (0, 0), (1, 1)))
     inner = padded[:, 1:-1, :].astype(int)
     assert body.count("faces_x") == np.abs(np.diff(inner, axis=0)).sum()
+
+
+def check_grid(digits, level, periodic=(False, False, False)):
+    """The model's own voxels, counted by the kernel, against the transfer matrix."""
+    model = ifs(digits, level=level)
+    count = digits.divisions**level
+    grid = voxelize(model, voxels=count, sampling="centre", periodic=periodic)
+    assert grid.frame.shape == (count,) * 3
+    body = Prefractal(digits, level, periodic)
+    assert tuple(window_histogram(grid.fill, periodic=periodic).tolist()) == body.histogram
+    assert int(grid.solid.sum()) == body.cells
+    assert (grid.solid == naive.voxels(digits.divisions, digits.keep, level)).all()
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_voxels_of_the_named_sets_have_the_oracle_s_windows(name):
+    for level in (1, 2, 3):
+        check_grid(named(name), level)
+    check_grid(named(name), 2, (True, False, True))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_voxels_of_random_sets_have_the_oracle_s_windows(seed):
+    rng = np.random.default_rng(100 + seed)
+    divisions = 2 + seed % 3
+    digits = DigitSet(divisions, naive.random_digits(rng, divisions))
+    for level in (1, 2, 3):
+        check_grid(digits, level, PERIODIC[seed % 4] if level == 2 else (False, False, False))
