@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Subject = VoxelGrid | SurfaceMesh | NDArray[np.float64]
 
-SAMPLES = 400_000
+SAMPLES = 50_000
 """Points that a surface is sampled at, about, where no resolution is given."""
 
 COMMON = 1e-6
@@ -155,7 +155,7 @@ def _of_samples(a: _Sampled, b: _Sampled) -> tuple[float, float]:
 def _directed(one: Floats, other: Floats) -> float:
     from scipy.spatial import KDTree
 
-    return float(KDTree(other).query(one)[0].max())
+    return float(KDTree(other).query(one, workers=-1)[0].max())
 
 
 def _resolution(a: Subject, b: Subject, unit: str) -> float:

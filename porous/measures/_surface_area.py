@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 STAIRCASE = 1 - 1 / math.sqrt(3)
 """Voxel faces show |n_x| + |n_y| + |n_z| of each unit of area: between 1 and √3 of it."""
 
-LOST = 2 / 3
-"""How much of the area estimators lose about edges: up to this many voxels per mean chord. Cubes
-and Menger sponges of one to twenty voxels per feature lose less (``analysis/03``)."""
+LOST = 1.0
+"""How much of the area may be wrong about edges, and because voxels end beside the body's faces:
+this many voxels per mean chord. Cubes and Menger sponges of one to twenty voxels per feature
+stay below (``analysis/03``)."""
 
 STEPPED = 0.09
 """Triangles on a binary grid show up to 9 % too much of a curved surface (Lindblad & Nyström
@@ -109,7 +110,7 @@ def _crofton_area(crossings: Floats, frame_spacing: Spacing) -> tuple[float, flo
 
 
 def _lost(area: float, census: Census) -> float:
-    """Return what may be lost about edges: ``LOST`` · longest step / mean chord of each phase."""
+    """Return what edges may cost: ``LOST`` · longest edge of a voxel / mean chord of each phase."""
     solid = Amounts(census).everywhere * census.frame.voxel_volume
     void = census.frame.size * census.frame.voxel_volume - solid
     chords = [4 * volume / area for volume in (solid, void) if volume > 0 and area > 0]
