@@ -168,6 +168,7 @@ def _measured(recipe: Recipe, feature: float | None, progress: _Progress) -> Res
     result = pipeline.run(recipe, only="measures", progress=progress)
     if feature is None:
         return result
+    assert result.model is not None
     level = finest_printable_level(result.model, feature=feature)
     return replace(result, measures=result.measures + Measures((level,)))
 

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
-from porous.errors import GridError, ModelError, RecipeError, nearest
+from porous.errors import (
+    GridError,
+    GuestError,
+    MemoryLimitError,
+    ModelError,
+    RecipeError,
+    nearest,
+)
 from porous.recipe import build
 from porous.values import Measures
 from porous.values.value import Value
@@ -143,6 +151,8 @@ class _Work:
         self.job: Job | None = None
         self.measures = Measures()
         self.certificate: Certificate | None = None
+        self.is_exact = False
+        self.is_tetrahedra = False
 
     def build(self) -> None:
         self.model: Model = self._timed("model", lambda _: build(self.recipe))
@@ -182,36 +192,54 @@ class _Work:
         from porous.models.model import HasBoundary
         from porous.stages import exact_surface
 
-        if self.recipe.voxels.sampling == "cover" and not required:
-            return  # what is covered is the attractor, not a body with a boundary
-        if not isinstance(self.model, HasBoundary):
-            if required:
-                raise ModelError('surface.method = "exact": this model has no boundary to compute')
+        how = self.recipe.voxels
+        if not required and (how.sampling == "cover" or any(how.periodic)):
+            return  # voxels that touch the set, or a tile of a larger body: no model's boundary
+        if not required and not isinstance(self.model, HasBoundary):
             return
         try:
             self.surface = self._timed("surface", lambda _: exact_surface(self.model))
-        except ModelError as error:
+        except (ModelError, MemoryLimitError, GuestError) as error:
             if required:
                 raise
-            self.notes.append(f"surface from voxels, not exact: {error}")
+            self.notes.append(f"surface from voxels: {error}")
+        else:
+            self.is_exact = True
 
     def fill_volume(self) -> None:
-        from porous.stages import hexahedralize, name_parts, tetrahedralize
+        from porous.stages import name_parts
 
         method = self._volume_method()
         if method == "none":
             return
-        if method == "tetwild":
-            surface, length = self.surface, self.recipe.volume.edge_length
-            assert surface is not None
-            mesh = self._timed(
+        mesh = self._tetrahedra() if method == "tetwild" else None
+        self.is_tetrahedra = mesh is not None
+        self.volume = name_parts(mesh or self._hexahedra(), self.model.domain)
+
+    def _tetrahedra(self) -> VolumeMesh | None:
+        """Return the mesh, or None where nobody insists on it and the mesher fails."""
+        from porous.stages import tetrahedralize
+
+        surface, how = self.surface, self.recipe.volume
+        assert surface is not None
+        try:
+            return self._timed(
                 "volume",
-                lambda progress: tetrahedralize(surface, edge_length=length, progress=progress),
+                lambda progress: tetrahedralize(
+                    surface, edge_length=how.edge_length, progress=progress
+                ),
             )
-        else:
-            grid = self._solid_grid()
-            mesh = self._timed("volume", lambda _: hexahedralize(grid))
-        self.volume = name_parts(mesh, self.model.domain)
+        except GuestError as error:
+            if how.method == "tetwild":
+                raise
+            self.notes.append(f"one hexahedron per solid voxel: {error}")
+            return None
+
+    def _hexahedra(self) -> VolumeMesh:
+        from porous.stages import hexahedralize
+
+        grid = self._solid_grid()
+        return self._timed("volume", lambda _: hexahedralize(grid))
 
     def _volume_method(self) -> str:
         method = self.recipe.volume.method
@@ -236,14 +264,23 @@ class _Work:
         self.job = compression(self.volume, material=material(how.material), pressure=how.pressure)
         if self.job.step is None:
             self.notes.append(f"no step in the deck: {self.job.why_no_step}")
+        if self.job.note:
+            self.notes.append(self.job.note)
 
     def measure(self) -> None:
         from porous.measures import measure
 
-        subjects = [self.model, self.grid, self.surface, self.volume]
-        for subject in subjects:
+        # What the surface and the mesh were made from says how far off their numbers may be.
+        came = {"model": self.model} if self.is_exact else {"grid": self.grid}
+        for subject, source in (
+            (self.model, {"grid": self.grid}),
+            (self.grid, {}),
+            (self.surface, came),
+            (self.volume, came if self.is_tetrahedra else {"grid": self.grid}),
+        ):
             if subject is not None:
-                self.measures += self._timed("measures", lambda _, of=subject: measure(of))
+                take = partial(measure, subject, **source)
+                self.measures += self._timed("measures", lambda _, take=take: take())
 
     def certify(self) -> None:
         from porous.certificate import certify

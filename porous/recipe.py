@@ -11,6 +11,7 @@ import hashlib
 import importlib
 import pkgutil
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -315,11 +316,11 @@ def _put(table: dict[str, Any], path: str, value: object) -> None:
             if other not in mine:
                 section, _, key = other.partition(".")
                 table.get(section, {}).pop(key, None)
-    *parents, last = path.split(".")
+    steps = path.split(".")
     here: Any = table
-    for step, below in zip(parents, [*parents[1:], last], strict=True):
+    for step, below in pairwise(steps):
         here = _entered(here, step, below, path)
-    here[_index(here, last, path)] = value
+    here[_index(here, steps[-1], path)] = value
 
 
 def _entered(here: Any, step: str, below: str, path: str) -> Any:
@@ -412,6 +413,8 @@ def _problem(
 ) -> tuple[bool, str]:
     """Return whether one problem is an unknown key, and what to say of it."""
     where = _place(table, detail["loc"])
+    if detail["type"] == "missing" and isinstance(detail["loc"][-1], str):
+        where += (detail["loc"][-1],)
     path = ".".join(map(str, above + where))
     if detail["type"] == "extra_forbidden":
         known = sorted({key for part in _parts(section, where[:-1]) for key in part.model_fields})
@@ -423,15 +426,15 @@ def _problem(
 
 
 def _place(table: Any, loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """Return the part of a location that names keys: pydantic puts branches of unions between."""
+    """Return the part of a location that is there: pydantic puts branches of unions between."""
     result: list[int | str] = []
-    for step, last in zip(loc, [False] * (len(loc) - 1) + [True], strict=True):
-        inside = (isinstance(table, dict) and step in table) or (
-            isinstance(table, list | tuple) and isinstance(step, int) and step < len(table)
-        )
+    for step in loc:
+        if isinstance(table, dict):
+            inside = step in table
+        else:
+            inside = isinstance(table, list) and isinstance(step, int) and step < len(table)
         if inside:
             table = table[step]
-        if inside or (last and isinstance(table, dict)):
             result.append(step)
     return tuple(result)
 
