@@ -129,10 +129,10 @@ def test_files_are_found_beside_the_recipe_and_then_among_the_presets(tmp_path, 
 
 
 def test_files_can_be_exchanged():
-    star = load("menger-stars")
-    local = recipe.with_files(star, {"model.primitive.mesh": Path("mesh.obj")})
+    crosses = load("menger-crosses")
+    local = recipe.with_files(crosses, {"model.primitive.mesh": Path("mesh.obj")})
     assert recipe.files(local) == {"model.primitive.mesh": Path("mesh.obj")}
-    assert recipe.with_files(local, recipe.files(star)) == star
+    assert recipe.with_files(local, recipe.files(crosses)) == crosses
 
 
 def test_a_path_and_a_name_are_told_apart(tmp_path, monkeypatch):
