@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 CLOSED = 1e-6
 """Pieces are closed: a sample within this part of a voxel of a piece is in it."""
 
+STEEPEST = 1e3
+"""Triangles steeper than this are taken as parallel to z."""
+
 BATCH = 1 << 24
 """Lines of one call, about: well below half a second."""
 
@@ -94,11 +97,26 @@ def _columns(box, start, shape):
 
 
 @kernel
+def _full(column, start, low, high, everything):
+    # Whether the voxels between two places on a line are full: then no span can add to them.
+    first = np.int64(np.floor(min(max(low - start, 0.0), column.shape[0] + 0.0)))
+    last = np.int64(np.floor(min(max(high - start, -1.0), column.shape[0] - 1.0)))
+    for k in range(first, last + 1):
+        if column[k] != everything:
+            return False
+    return True
+
+
+@kernel
 def _polytopes(masks, start, rows, depths, planes, boxes, first, last, lows, highs):
+    everything = ~np.uint64(0) >> np.uint64(64 - depths.size)
     for p in range(first, last):
         x0, y0, x1, y1 = _columns(boxes[p], start, masks.shape)
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
+                column = masks[i - start[0], j - start[1]]
+                if _full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
+                    continue
                 for r in range(rows.shape[0]):
                     lows[r] = boxes[p, 2]
                     highs[r] = boxes[p, 5]
@@ -121,12 +139,13 @@ def _polytopes(masks, start, rows, depths, planes, boxes, first, last, lows, hig
                 for r in range(rows.shape[0]):
                     some = some or lows[r] <= highs[r]
                 if some:
-                    _paint(masks[i - start[0], j - start[1]], start[2], lows, highs, depths)
+                    _paint(column, start[2], lows, highs, depths)
 
 
 @kernel
 def _quadrics(masks, start, rows, depths, forms, boxes, first, last, lows, highs, slack):
     # |F g + f| ≤ 1 over the first three rows of a form, and its fourth between 0 and 1.
+    everything = ~np.uint64(0) >> np.uint64(64 - depths.size)
     for p in range(first, last):
         x0, y0, x1, y1 = _columns(boxes[p], start, masks.shape)
         middle = 0.5 * (boxes[p, 2] + boxes[p, 5])
@@ -135,6 +154,9 @@ def _quadrics(masks, start, rows, depths, forms, boxes, first, last, lows, highs
         squared = form[0, 2] ** 2 + form[1, 2] ** 2 + form[2, 2] ** 2
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
+                column = masks[i - start[0], j - start[1]]
+                if _full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
+                    continue
                 some = False
                 for r in range(rows.shape[0]):
                     x, y = i + rows[r, 0], j + rows[r, 1]
@@ -167,7 +189,7 @@ def _quadrics(masks, start, rows, depths, forms, boxes, first, last, lows, highs
                     highs[r] = middle + high + slack
                     some = some or low <= high
                 if some:
-                    _paint(masks[i - start[0], j - start[1]], start[2], lows, highs, depths)
+                    _paint(column, start[2], lows, highs, depths)
 
 
 @kernel
@@ -215,11 +237,15 @@ def _rounded_ellipsoids(
     masks, start, rows, depths, forms, axes, boxes, first, last, radius, lows, highs, slack
 ):
     # The distance is convex along a line: halve towards its least, then towards both ends.
+    everything = ~np.uint64(0) >> np.uint64(64 - depths.size)
     for p in range(first, last):
         x0, y0, x1, y1 = _columns(boxes[p], start, masks.shape)
         form, axis = forms[p], axes[p]
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
+                column = masks[i - start[0], j - start[1]]
+                if _full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
+                    continue
                 some = False
                 for r in range(rows.shape[0]):
                     x, y = i + rows[r, 0], j + rows[r, 1]
@@ -254,7 +280,7 @@ def _rounded_ellipsoids(
                         lows[r] -= slack
                         highs[r] += slack
                 if some:
-                    _paint(masks[i - start[0], j - start[1]], start[2], lows, highs, depths)
+                    _paint(column, start[2], lows, highs, depths)
 
 
 @kernel
@@ -268,7 +294,8 @@ def _side(px, py, qx, qy, x, y):
 
 @kernel
 def _crossing(a, b, c, x, y):
-    # How often a triangle's outline winds round (x, y), seen along z, and where the line meets it.
+    # How often a triangle's outline winds round (x, y), seen along z, where the line meets it, and
+    # how far along the line one goes to be one away from its plane.
     # An edge counts where it passes the point's y, its lower end included and its upper end not,
     # to the right of it: over a closed surface the numbers of a line always sum to zero.
     turns, ends = 0, (a, b, c, a)
@@ -281,15 +308,16 @@ def _crossing(a, b, c, x, y):
             elif q[1] <= y and side < 0.0:
                 turns -= 1
     if turns == 0:
-        return 0, 0.0
+        return 0, 0.0, 0.0
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     least, most = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
     if nz == 0.0:
-        return turns, 0.5 * (least + most)
+        return turns, 0.5 * (least + most), STEEPEST
     z = a[2] - (nx * (x - a[0]) + ny * (y - a[1])) / nz
-    return turns, min(max(z, least), most)
+    steep = np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz)
+    return turns, min(max(z, least), most), min(steep, STEEPEST)
 
 
 @kernel
@@ -300,7 +328,7 @@ def _upright(a, b, c, x, y, slack):
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     flat = np.sqrt(nx * nx + ny * ny)
     low, high = np.inf, -np.inf
-    if abs(nz) > 1e-3 * flat or abs(nx * (x - a[0]) + ny * (y - a[1])) > slack * flat:
+    if abs(nz) * STEEPEST > flat or abs(nx * (x - a[0]) + ny * (y - a[1])) > slack * flat:
         return low, high
     tx, ty = -ny / flat, nx / flat
     ends = (a, b, c, a)
@@ -334,19 +362,19 @@ def _chosen(points, triangles, given, count, x0, x1, y0, y1, found):
 
 
 @kernel
-def _line(points, triangles, near, count, x, y, places, turns):
+def _line(points, triangles, near, count, x, y, places, turns, steeps):
     # The crossings of a line, by rising z (insertion: there are few).
     many = 0
     for k in range(count):
         t = near[k]
         a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-        turn, z = _crossing(a, b, c, x, y)
+        turn, z, steep = _crossing(a, b, c, x, y)
         if turn != 0:
             at = many
             while at > 0 and places[at - 1] > z:
-                places[at], turns[at] = places[at - 1], turns[at - 1]
+                places[at], turns[at], steeps[at] = places[at - 1], turns[at - 1], steeps[at - 1]
                 at -= 1
-            places[at], turns[at] = z, turn
+            places[at], turns[at], steeps[at] = z, turn, steep
             many += 1
     return many
 
@@ -369,6 +397,7 @@ def _solids(
     near,
     places,
     turns,
+    steeps,
     lows,
     highs,
     slack,
@@ -402,15 +431,15 @@ def _solids(
                 column = masks[i - start[0], j - start[1]]
                 for r in range(len(rows)):
                     x, y = i + rows[r, 0], j + rows[r, 1]
-                    many = _line(points, triangles, near, some, x, y, places, turns)
+                    many = _line(points, triangles, near, some, x, y, places, turns, steeps)
                     winding = 0
                     for k in range(many):
                         before = winding
                         winding += turns[k]
                         if before == 0:
-                            lows[0] = places[k] - slack
+                            lows[0] = places[k] - slack * steeps[k]
                         if winding == 0:
-                            highs[0] = places[k] + slack
+                            highs[0] = places[k] + slack * steeps[k]
                             _stroke(column, start[2], lows[0], highs[0], depths, r)
                     for k in range(some):
                         t = near[k]
@@ -466,7 +495,7 @@ def paint_solids(window: Window, frames: Floats, solid: tuple[Floats, Any], boxe
     scratch = (
         *(np.empty((len(corners), 3)), source(np.arange(count), np.int64)),
         *(np.empty(count, np.int64), np.empty(count, np.int64)),
-        *(np.empty(count), np.empty(count, np.int64)),
+        *(np.empty(count), np.empty(count, np.int64), np.empty(count)),
     )
     arrays = source(frames, np.float64), corners, triangles
     _batched(window, _grown(boxes), _solids, arrays, *scratch, slack=CLOSED)

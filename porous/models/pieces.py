@@ -106,20 +106,20 @@ class Pieces(Value):
         bound = frame.diagonal * ROUNDING
         if self.offset > 0 or self.primitive.radius is not None:
             return self._sampled(frame, CENTRE, self.offset + reach, balls), bound
-        lattice = _Lattice.over(frame, CENTRE)
+        lattice = Lattice.over(frame, CENTRE)
         _cover_polyhedra(lattice, self.primitive, self.frames[self._near(frame, 0.0)])
-        _paint_balls(lattice, balls[:, :3], balls[:, 3])
+        paint_balls(lattice, balls[:, :3], balls[:, 3])
         return lattice.window.masks, bound
 
     def _sampled(
         self, frame: Frame, pattern: Pattern, offset: float, balls: Floats
     ) -> NDArray[np.uint64]:
-        lattice = _Lattice.over(frame, pattern)
+        lattice = Lattice.over(frame, pattern)
         frames = self.frames[self._near(frame, offset)]
         _paint_images(lattice, self.primitive, frames)
         if offset > 0:
             _paint_rims(lattice, self.primitive, frames, offset)
-        _paint_balls(lattice, balls[:, :3], balls[:, 3])
+        paint_balls(lattice, balls[:, :3], balls[:, 3])
         return lattice.window.masks
 
     @cached_property
@@ -152,7 +152,7 @@ class Pieces(Value):
 
 
 @dataclass(frozen=True)
-class _Lattice:
+class Lattice:
     """Lines through a tile; takes lengths of the world to voxels of the whole lattice."""
 
     window: Window
@@ -160,7 +160,8 @@ class _Lattice:
     spacing: Floats
 
     @classmethod
-    def over(cls, frame: Frame, pattern: Pattern) -> _Lattice:
+    def over(cls, frame: Frame, pattern: Pattern) -> Lattice:
+        """Return the lines of a pattern through a frame, with empty masks."""
         from porous.kernels.pieces import Window
 
         masks = np.zeros(frame.shape, np.uint64)
@@ -229,7 +230,7 @@ def _solid(frames: Floats) -> Floats:
     return np.asarray(frames[kept])
 
 
-def _paint_images(lattice: _Lattice, primitive: Primitive, frames: Floats) -> None:
+def _paint_images(lattice: Lattice, primitive: Primitive, frames: Floats) -> None:
     frames = _solid(frames)
     if primitive.radius is not None:
         _paint_ellipsoids(lattice, primitive, frames)
@@ -240,7 +241,7 @@ def _paint_images(lattice: _Lattice, primitive: Primitive, frames: Floats) -> No
         _paint_meshes(lattice, primitive, frames)
 
 
-def _paint_hulls(lattice: _Lattice, primitive: Primitive, frames: Floats) -> None:
+def _paint_hulls(lattice: Lattice, primitive: Primitive, frames: Floats) -> None:
     from porous.kernels.pieces import paint_polytopes
 
     inverse = np.linalg.inv(frames[:, :, :3])
@@ -250,7 +251,7 @@ def _paint_hulls(lattice: _Lattice, primitive: Primitive, frames: Floats) -> Non
     paint_polytopes(lattice.window, lattice.planes(normals, offsets), boxes)
 
 
-def _paint_ellipsoids(lattice: _Lattice, primitive: Primitive, frames: Floats) -> None:
+def _paint_ellipsoids(lattice: Lattice, primitive: Primitive, frames: Floats) -> None:
     from porous.kernels.pieces import paint_quadrics
 
     assert primitive.radius is not None
@@ -264,7 +265,7 @@ def _paint_ellipsoids(lattice: _Lattice, primitive: Primitive, frames: Floats) -
     paint_quadrics(lattice.window, forms, np.concatenate([places - reach, places + reach], axis=1))
 
 
-def _paint_meshes(lattice: _Lattice, primitive: Primitive, frames: Floats) -> None:
+def _paint_meshes(lattice: Lattice, primitive: Primitive, frames: Floats) -> None:
     from porous.kernels.pieces import paint_solids
 
     lower, upper = _boxes(primitive, frames)
@@ -273,7 +274,7 @@ def _paint_meshes(lattice: _Lattice, primitive: Primitive, frames: Floats) -> No
     paint_solids(lattice.window, lattice.frames(frames), solid, boxes)
 
 
-def _paint_rims(lattice: _Lattice, primitive: Primitive, frames: Floats, radius: float) -> None:
+def _paint_rims(lattice: Lattice, primitive: Primitive, frames: Floats, radius: float) -> None:
     """Paint what a ball adds to bodies: slabs over facets, cylinders along edges, balls."""
     if primitive.radius is not None:
         _paint_grown_balls(lattice, primitive, frames, radius)
@@ -285,9 +286,9 @@ def _paint_rims(lattice: _Lattice, primitive: Primitive, frames: Floats, radius:
             for some in _slices(facets, CHUNK // len(chunk)):
                 _paint_slabs(lattice, corners[:, some].reshape(-1, some.shape[1], 3), radius)
         for some in _slices(primitive.edges, CHUNK // len(chunk)):
-            _paint_cylinders(lattice, corners[:, some].reshape(-1, 2, 3), radius)
+            paint_cylinders(lattice, corners[:, some].reshape(-1, 2, 3), radius)
         points = corners.reshape(-1, 3)
-        _paint_balls(lattice, points, np.full(len(points), radius))
+        paint_balls(lattice, points, np.full(len(points), radius))
 
 
 def _facets_by_size(primitive: Primitive) -> list[Indices]:
@@ -301,7 +302,7 @@ def _slices(array: Indices, size: int) -> Iterator[Indices]:
         yield array[first : first + size]
 
 
-def _paint_slabs(lattice: _Lattice, corners: Floats, radius: float) -> None:
+def _paint_slabs(lattice: Lattice, corners: Floats, radius: float) -> None:
     """Paint convex polygons (k, c, 3) thickened by ``radius`` to both sides."""
     from porous.kernels.pieces import paint_polytopes
 
@@ -322,7 +323,7 @@ def _paint_slabs(lattice: _Lattice, corners: Floats, radius: float) -> None:
     paint_polytopes(lattice.window, lattice.planes(normals, offsets), boxes)
 
 
-def _paint_cylinders(lattice: _Lattice, ends: Floats, radius: float) -> None:
+def paint_cylinders(lattice: Lattice, ends: Floats, radius: float) -> None:
     """Paint cylinders with flat ends about segments (k, 2, 3)."""
     from porous.kernels.pieces import paint_quadrics
 
@@ -341,7 +342,8 @@ def _paint_cylinders(lattice: _Lattice, ends: Floats, radius: float) -> None:
     paint_quadrics(lattice.window, forms, lattice.boxes(ends, radius))
 
 
-def _paint_balls(lattice: _Lattice, centres: Floats, radii: Floats) -> None:
+def paint_balls(lattice: Lattice, centres: Floats, radii: Floats) -> None:
+    """Paint balls: centres (k, 3) and radii (k,); those without radius add nothing."""
     from porous.kernels.pieces import paint_quadrics
 
     keep = radii > 0
@@ -354,7 +356,7 @@ def _paint_balls(lattice: _Lattice, centres: Floats, radii: Floats) -> None:
 
 
 def _paint_grown_balls(
-    lattice: _Lattice, primitive: Primitive, frames: Floats, radius: float
+    lattice: Lattice, primitive: Primitive, frames: Floats, radius: float
 ) -> None:
     """Paint the sums of ellipsoids, the images of a ball, and a ball."""
     from porous.kernels.pieces import paint_rounded_ellipsoids
@@ -364,7 +366,7 @@ def _paint_grown_balls(
     turn, half_axes, _ = np.linalg.svd(frames[:, :, :3] * primitive.radius)
     half_axes[half_axes < 1e-12 * radius] = 0.0
     round_ = np.ptp(half_axes, axis=1) <= 1e-12 * half_axes.max(axis=1)
-    _paint_balls(lattice, centres[round_], half_axes[round_, 0] + radius)
+    paint_balls(lattice, centres[round_], half_axes[round_, 0] + radius)
     rows = np.swapaxes(turn[~round_], 1, 2)
     forms = lattice.forms(rows, -np.einsum("kab,kb->ka", rows, centres[~round_]))
     reach = primitive.radius * np.linalg.norm(frames[~round_, :, :3], axis=2) + radius
@@ -372,7 +374,7 @@ def _paint_grown_balls(
     paint_rounded_ellipsoids(lattice.window, forms, half_axes[~round_], lattice.boxes(ends), radius)
 
 
-def _cover_polyhedra(lattice: _Lattice, primitive: Primitive, frames: Floats) -> None:
+def _cover_polyhedra(lattice: Lattice, primitive: Primitive, frames: Floats) -> None:
     small = primitive.convex and len(primitive.edges) <= MANY_EDGES
     hulls = primitive.points, primitive.facets, primitive.edges
     if small:
@@ -392,7 +394,7 @@ def _corners_of(facets: tuple[Indices, ...], edges: Indices) -> tuple[Indices, I
     return np.array([facet[:3] for facet in facets]), edges
 
 
-def _cover_hulls(lattice: _Lattice, corners: Floats, facets: Indices, edges: Indices) -> None:
+def _cover_hulls(lattice: Lattice, corners: Floats, facets: Indices, edges: Indices) -> None:
     """Mark the voxels that the hulls of corners (k, n, 3) touch, by their centres.
 
     A voxel meets a hull where its centre lies in the sum of the hull and the voxel, and that sum is

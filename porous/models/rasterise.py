@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from porous.models.cover import cover_attractor, sample_attractor
 from porous.models.lattice import fill_digits, sample_digits
 from porous.models.pieces import Pieces
 
@@ -14,7 +15,15 @@ if TYPE_CHECKING:
     from porous.models.primitive import Primitive
     from porous.values import Frame, Pattern
 
-__all__ = ["Pieces", "cover_pieces", "fill_digits", "sample_digits", "sample_pieces"]
+__all__ = [
+    "Pieces",
+    "cover_attractor",
+    "cover_pieces",
+    "fill_digits",
+    "sample_attractor",
+    "sample_digits",
+    "sample_pieces",
+]
 
 
 def sample_pieces(

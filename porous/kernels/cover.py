@@ -1,0 +1,232 @@
+"""Descent of an automaton's words with enclosing boxes: which voxels its attractor can touch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from porous.kernels._shared import kernel, source
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+BUDGET = 2_000_000
+"""Nodes of one call: about a tenth of a second."""
+
+SLACK = 1e-7
+"""Boxes are larger by this part of a voxel, so that rounding loses no voxel."""
+
+ASKED = 512
+"""Boxes of more voxels are not asked whether all of theirs are marked already."""
+
+
+class System(NamedTuple):
+    """Maps by their source state, and what is known of each state's attractor.
+
+    ``first`` (s + 1,) cuts ``targets`` (t,) and ``maps`` (t, 3, 4), source ← target, by source;
+    ``balls`` (s, 4) and ``blocks`` (s, 6), middles and half edges of boxes, hold the attractors,
+    ``points`` (s, 3) lie in them.
+    """
+
+    first: NDArray[np.int64]
+    targets: NDArray[np.int64]
+    maps: Floats
+    balls: Floats
+    blocks: Floats
+    points: Floats
+
+
+@kernel
+def _enclose(map_, ball, block, box):
+    # Intersect a box with those of the ellipsoid and the slanted box which a map makes of a ball
+    # and a box.
+    for a in range(3):
+        middle = other = map_[a, 3]
+        reach = across = 0.0
+        for b in range(3):
+            middle += map_[a, b] * ball[b]
+            reach += map_[a, b] ** 2
+            other += map_[a, b] * block[b]
+            across += abs(map_[a, b]) * block[b + 3]
+        reach = np.sqrt(reach) * ball[3] + SLACK
+        across += SLACK
+        box[a] = max(box[a], middle - reach, other - across)
+        box[a + 3] = min(box[a + 3], middle + reach, other + across)
+
+
+@kernel
+def _size(box, spacing):
+    # Half the diagonal of a box, in units of length.
+    total = 0.0
+    for a in range(3):
+        total += (0.5 * max(box[a + 3] - box[a], 0.0) * spacing[a]) ** 2
+    return np.sqrt(total)
+
+
+@kernel
+def _touched(box, start, shape, span):
+    # The voxels of the window whose closed boxes meet a box; their number.
+    count = 1
+    for a in range(3):
+        low = max(box[a], start[a] - 2.0)
+        high = min(box[a + 3], start[a] + shape[a] + 2.0)
+        span[a] = max(np.int64(np.ceil(low - 1.0)) - start[a], 0)
+        span[a + 3] = min(np.int64(np.floor(high)) - start[a], shape[a] - 1)
+        count *= max(span[a + 3] - span[a] + 1, 0)
+    return count
+
+
+@kernel
+def _all_marked(marks, span):
+    for i in range(span[0], span[3] + 1):
+        for j in range(span[1], span[4] + 1):
+            for k in range(span[2], span[5] + 1):
+                if marks[i, j, k] == 0:
+                    return False
+    return True
+
+
+@kernel
+def _stamp(marks, start, map_, point):
+    # Mark the voxel of an attractor's point.
+    inside = True
+    place = (np.int64(0), np.int64(0), np.int64(0))
+    for a in range(3):
+        value = map_[a, 3]
+        for b in range(3):
+            value += map_[a, b] * point[b]
+        value = np.floor(value) - start[a]
+        inside = inside and value >= 0.0 and value < marks.shape[a]
+        if inside:
+            place = (place[1], place[2], np.int64(value))
+    if inside:
+        marks[place] = 1
+
+
+@kernel
+def _descend(
+    marks,
+    start,
+    spacing,
+    first,
+    targets,
+    maps,
+    balls,
+    blocks,
+    points,
+    stop,
+    whole,
+    states,
+    nodes,
+    boxes,
+    span,
+    top,
+    budget,
+):
+    # Depth first. A box lies in its parent's, so a node whose voxels are all marked can add none,
+    # and what is marked in the end does not depend on the order.
+    steps = 0
+    while top > 0 and steps < budget:
+        top -= 1
+        steps += 1
+        state = states[top]
+        count = _touched(boxes[top], start, marks.shape, span)
+        if count == 0 or (count <= ASKED and _all_marked(marks, span)):
+            continue
+        _stamp(marks, start, nodes[top], points[state])
+        if first[state] == first[state + 1] or _size(boxes[top], spacing) <= stop:
+            if whole:
+                marks[span[0] : span[3] + 1, span[1] : span[4] + 1, span[2] : span[5] + 1] = 1
+            continue
+        many = first[state + 1] - first[state]
+        if top + many + 1 > len(states):
+            return top + 1, steps - 1, True
+        parent, outer = nodes[len(states)], boxes[len(states)]
+        parent[:, :], outer[:] = nodes[top], boxes[top]
+        for child in range(first[state], first[state + 1]):
+            for a in range(3):
+                for b in range(4):
+                    value = parent[a, 3] if b == 3 else 0.0
+                    for c in range(3):
+                        value += parent[a, c] * maps[child, c, b]
+                    nodes[top, a, b] = value
+            boxes[top, :] = outer
+            _enclose(nodes[top], balls[targets[child]], blocks[targets[child]], boxes[top])
+            states[top] = targets[child]
+            top += 1
+    return top, steps, False
+
+
+class Descent:
+    """A descent that can be paused: the words that are still to be looked at.
+
+    Parameters
+    ----------
+    marks
+        uint8, shape (nx, ny, nz): what is marked is set to one.
+    start
+        First voxel of the window in the lattice, (3,).
+    spacing
+        Edge lengths of a voxel, (3,).
+    system
+        The automaton, as ``System``.
+    root
+        The start state and the map (3, 4) of its space to the lattice's voxels.
+    """
+
+    def __init__(
+        self,
+        marks: NDArray[np.uint8],
+        start: NDArray[np.int64],
+        spacing: Floats,
+        system: System,
+        root: tuple[int, Floats],
+    ) -> None:
+        self.marks = marks
+        self.given = source(start, np.int64), source(spacing, np.float64)
+        self.system = (
+            source(system.first, np.int64),
+            source(system.targets, np.int64),
+            source(system.maps, np.float64),
+            source(system.balls, np.float64),
+            source(system.blocks, np.float64),
+            source(system.points, np.float64),
+        )
+        self.root = root
+
+    def run(self, stop: float, *, whole: bool, limit: int) -> int:
+        """Descend to boxes of half diagonal ``stop``; return the number of words looked at.
+
+        Marks voxels of points of the attractor on the way, and where ``whole`` all voxels that
+        the last boxes touch. Returns more than ``limit`` where it gave up there.
+        """
+        size = 1024
+        stack = self._stack(size)
+        stack[0][0] = self.root[0]
+        stack[1][0] = self.root[1]
+        stack[2][0] = [-np.inf] * 3 + [np.inf] * 3
+        ball, block = (held[self.root[0]] for held in self.system[3:5])
+        _enclose(stack[1][0], ball, block, stack[2][0])
+        top, total, span = 1, 0, np.empty(6, np.int64)
+        while top and total <= limit:
+            top, steps, full = _descend(
+                self.marks, *self.given, *self.system, stop, whole, *stack, span, top, BUDGET
+            )
+            total += steps
+            if full:
+                size *= 2
+                stack = self._grown(stack, size, top)
+        return total
+
+    def _stack(self, size: int) -> tuple[NDArray[np.int64], Floats, Floats]:
+        # One more map and box than states: the node that is being opened.
+        return np.empty(size, np.int64), np.empty((size + 1, 3, 4)), np.empty((size + 1, 6))
+
+    def _grown(self, stack: tuple[Any, ...], size: int, top: int) -> tuple[Any, ...]:
+        result = self._stack(size)
+        for new, old in zip(result, stack, strict=True):
+            new[:top] = old[:top]
+        return result

@@ -1,0 +1,322 @@
+"""Attractors in voxels: covers with a certificate, and their points grown by a ball."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import ModelError
+from porous.memory import check_memory
+from porous.models.pieces import Lattice, paint_balls, paint_cylinders
+from porous.values import CENTRE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from porous.kernels.cover import System
+    from porous.models.automaton import Automaton
+    from porous.values import Frame, Pattern
+
+    Floats = NDArray[np.float64]
+    Indices = NDArray[np.int64]
+
+FINE = 16
+"""Boxes at the end of a descent have half diagonals of a voxel's shortest edge over this."""
+
+COARSE = (4, 2, 1)
+"""Half diagonals, in voxels, of the descents that only mark voxels of the attractor's points."""
+
+CELLS = 4
+"""Cells per shortest edge of a voxel of the net that balls are drawn about …"""
+
+CELLS_OF_OFFSET = 48
+"""… but cells need not be smaller than the offset over this."""
+
+MOST_STEPS = 20_000_000
+STEPS_PER_VOXEL = 300
+"""Words that a descent may look at: at least, and per voxel of its window."""
+
+MOST_WORDS = 4096
+ROUNDS = 8
+"""Words that tighten the enclosures, and how often they do."""
+
+TIGHT = 1 + 1e-9
+"""Enclosures are larger by this against rounding."""
+
+SMALL = 1 << 27
+"""Bytes of a net that are not worth asking the memory about."""
+
+ROUNDING = 1 + 1e-5
+"""Covers the kernels' slack."""
+
+
+def cover_attractor(
+    automaton: Automaton, balls: NDArray[np.float64], frame: Frame, *, offset: float = 0.0
+) -> tuple[NDArray[np.uint64], float]:
+    """Mark every voxel that an attractor touches, possibly a few more, with a Hausdorff bound.
+
+    Words are descended with boxes that are certain to hold their part of the attractor, each
+    within its parent's, down to a half diagonal of ε = min(spacing) / 16; every voxel that a last
+    box touches is marked. So the attractor lies in marked voxels, and every point of these is
+    within a voxel's diagonal + 2 ε of it. The marks depend on the lattice alone: not on the order
+    of the maps, the tile or the threads.
+
+    Parameters
+    ----------
+    automaton
+        With four independent controls in every state.
+    balls
+        Centre and radius of a ball per state that holds its attractor, (s, 4).
+    frame
+        The voxels.
+    offset
+        Radius of the ball that the attractor is grown by, zero or more. Grown sets are covered by
+        the balls about a net of the attractor, as in ``sample_attractor``.
+
+    Returns
+    -------
+    uint64 marks of shape ``frame.shape``, 0 or 1; the bound in the frame's unit.
+
+    Raises
+    ------
+    ModelError
+        Where words overlap so much that the work has no end in sight.
+    """
+    if offset > 0:
+        net = _Net.about(automaton, balls, frame, offset + frame.diagonal)
+        reach = offset + net.error + frame.diagonal / 2
+        masks = net.grown(frame, CENTRE, reach)
+        return masks, (frame.diagonal + 2 * net.error) * ROUNDING
+    h = min(frame.spacing)
+    window = _Window(np.array(frame.start), np.array(frame.shape), np.array(frame.spacing))
+    marks = window.marked(_system(automaton, balls.tobytes()), _root(automaton, frame, 1), h / FINE)
+    return marks.astype(np.uint64), (frame.diagonal + 2 * h / FINE) * ROUNDING
+
+
+def sample_attractor(
+    automaton: Automaton,
+    balls: NDArray[np.float64],
+    frame: Frame,
+    pattern: Pattern,
+    *,
+    offset: float,
+) -> NDArray[np.uint64]:
+    """Return the masks of an attractor grown by a ball of radius ``offset``.
+
+    Balls are drawn about a net: the cells of a lattice finer than the voxels that the attractor
+    touches. The net's Hausdorff distance from the attractor is at most 1.36 cells, a cell being
+    a quarter of a voxel's shortest edge, or a 48th of the offset where that is larger; so the
+    surface lies within that distance of the true one.
+
+    Parameters and errors as in ``cover_attractor``; ``pattern`` says where samples lie.
+
+    Raises
+    ------
+    ModelError
+        Also for an offset of zero: no sample point lies in a set without volume.
+    """
+    if not offset > 0:
+        raise ModelError(
+            f"offset: got {offset}; wanted a length above zero, for the attractor has no volume "
+            'of its own; or sampling = "cover"'
+        )
+    return _Net.about(automaton, balls, frame, offset).grown(frame, pattern, offset)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A part of a lattice: first cell, numbers of cells, edge lengths of a cell."""
+
+    start: Indices
+    shape: Indices
+    spacing: Floats
+
+    def marked(self, system: System, root: tuple[int, Floats], size: float) -> NDArray[np.uint8]:
+        """Return which cells boxes of half diagonal ``size`` touch, uint8 of 0 and 1."""
+        from porous.kernels.cover import Descent
+
+        voxels = math.prod(map(int, self.shape))
+        limit = MOST_STEPS + STEPS_PER_VOXEL * voxels
+        if voxels > SMALL:
+            check_memory(voxels, f"a net of {voxels} cells", "Choose fewer voxels.")
+        marks = np.zeros(self.shape, np.uint8)
+        descent = Descent(marks, self.start, self.spacing, system, root)
+        # Points of the attractor first: most last boxes then touch marked cells only.
+        coarse = [step * float(self.spacing.min()) for step in COARSE]
+        for stop in (*coarse, size):
+            if descent.run(stop, whole=stop == size, limit=limit) > limit:
+                raise ModelError(
+                    f"the parts of this attractor overlap so much that {limit} words do not "
+                    "decide which voxels it touches; choose fewer voxels, or a level"
+                )
+        return marks
+
+
+@dataclass(frozen=True)
+class _Net:
+    """Cells that an attractor touches; ``error`` is their Hausdorff distance from it, at most."""
+
+    window: _Window
+    origin: Floats
+    marks: NDArray[np.uint8]
+    error: float
+
+    @classmethod
+    def about(cls, automaton: Automaton, balls: Floats, frame: Frame, reach: float) -> _Net:
+        """Return the net of the part of an attractor within ``reach`` of a frame."""
+        h = np.array(frame.spacing)
+        finest = max(float(h.min()) / CELLS, reach / CELLS_OF_OFFSET)
+        split = np.maximum(np.ceil(h / finest * (1 - 1e-9)), 1).astype(np.int64)
+        cell = h / split
+        lower, upper = _reached(automaton, balls, frame, reach)
+        origin = np.array(frame.origin)
+        start = np.floor((lower - origin) / cell).astype(np.int64) - 1
+        stop = np.ceil((upper - origin) / cell).astype(np.int64) + 1
+        window = _Window(start, np.maximum(stop - start, 1), cell)
+        size = float(cell.min()) / FINE
+        marks = window.marked(
+            _system(automaton, balls.tobytes()), _root(automaton, frame, split), size
+        )
+        # Between the centres of two marked cells a point is no further from the attractor than
+        # from the far corners of one of them.
+        error = math.hypot(cell[0] / 2, cell[1] / 2, cell[2]) + 2 * size
+        return cls(window, origin, marks, error)
+
+    def grown(self, frame: Frame, pattern: Pattern, radius: float) -> NDArray[np.uint64]:
+        """Return the masks of the balls about the net's runs of cells along z."""
+        lattice = Lattice.over(frame, pattern)
+        for ends in self._runs():
+            paint_cylinders(lattice, ends, radius)
+            centres = np.unique(ends.reshape(-1, 3), axis=0)
+            paint_balls(lattice, centres, np.full(len(centres), radius))
+        return lattice.window.masks
+
+    def _runs(self) -> Iterator[Floats]:
+        """Yield the ends (k, 2, 3) of runs of marked cells along z, plane by plane of x."""
+        cell = self.window.spacing
+        for x, plane in enumerate(self.marks):
+            change = np.diff(plane.astype(np.int8), axis=1, prepend=0, append=0)
+            y, first = np.nonzero(change > 0)
+            if not len(y):
+                continue
+            last = np.nonzero(change < 0)[1] - 1
+            index = np.stack(
+                [np.stack([np.full(len(y), x), y, z], axis=1) for z in (first, last)], axis=1
+            )
+            yield self.origin + (self.window.start + index + 0.5) * cell
+
+
+def _reached(
+    automaton: Automaton, balls: Floats, frame: Frame, reach: float
+) -> tuple[Floats, Floats]:
+    """Return the box in which points of the attractor can be within ``reach`` of a frame."""
+    ball = balls[automaton.start]
+    lower = np.maximum(np.array(frame.box.lower) - reach, ball[:3] - ball[3])
+    upper = np.minimum(np.array(frame.box.upper) + reach, ball[:3] + ball[3])
+    return lower, np.maximum(lower, upper)
+
+
+def _root(automaton: Automaton, frame: Frame, split: int | Indices) -> tuple[int, Floats]:
+    """Return the start state and the map of its space to the cells of a split lattice."""
+    cell = np.array(frame.spacing) / split
+    shift = -np.array(frame.origin) / cell
+    return automaton.start, np.column_stack([np.diag(1 / cell), shift])
+
+
+@lru_cache(maxsize=8)
+def _system(automaton: Automaton, given: bytes) -> System:
+    """Return the automaton's maps by source, each but once, and a point of each attractor."""
+    from porous.kernels.cover import System
+
+    balls = np.frombuffer(given).reshape(-1, 4)
+    ends = [(t.source, t.target) for t in automaton.transitions]
+    rows = np.column_stack([np.array(ends), automaton.maps.reshape(-1, 12)])
+    rows = np.unique(rows + 0.0, axis=0)
+    sources, targets = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
+    first = np.searchsorted(sources, np.arange(len(automaton.states) + 1))
+    maps = rows[:, 2:].reshape(-1, 3, 4)
+    balls, blocks = _tightened(first, targets, maps, balls)
+    points = np.array(
+        [_point(state, first, targets, maps, balls) for state in range(len(automaton.states))]
+    )
+    return System(first, targets, maps, balls, blocks, points)
+
+
+def _tightened(
+    first: Indices, targets: Indices, maps: Floats, balls: Floats
+) -> tuple[Floats, Floats]:
+    """Return smaller balls (s, 4), and boxes as middles and half edges (s, 6), by their images.
+
+    A = ∪ T_w(A) over the words of a length, so what holds the images of a ball or a box under all
+    of these holds the attractor; a ball that every map sends into itself is often twice as wide.
+    """
+    blocks = np.column_stack([balls[:, :3], np.repeat(balls[:, 3:], 3, axis=1)])
+    words = [_words(state, first, targets, maps) for state in range(len(balls))]
+    for _ in range(ROUNDS):
+        found = [_held(*words[state], balls, blocks) for state in range(len(balls))]
+        blocks = np.array([block for _, block in found])
+        new = np.array([ball for ball, _ in found])
+        balls = np.where(new[:, 3:] < balls[:, 3:], new, balls)
+    return balls, blocks
+
+
+def _words(state: int, first: Indices, targets: Indices, maps: Floats) -> tuple[Indices, Floats]:
+    """Return the end states (k,) and the maps (k, 3, 4) of a state's words of some length."""
+    ends, found = np.array([state]), np.eye(3, 4)[None]
+    while True:
+        fan = first[ends + 1] - first[ends]
+        if not fan.all() or fan.sum() > MOST_WORDS:
+            return ends, found
+        parent = np.repeat(np.arange(len(ends)), fan)
+        child = first[ends[parent]] + np.arange(len(parent)) - np.repeat(np.cumsum(fan) - fan, fan)
+        step = maps[child]
+        linear = np.einsum("kab,kbc->kac", found[parent, :, :3], step)
+        linear[:, :, 3] += found[parent, :, 3]
+        ends, found = targets[child], linear
+        if len(ends) == 1 and np.abs(found[0, :, :3]).max() < np.finfo(float).eps:
+            return ends, found
+
+
+def _held(ends: Indices, maps: Floats, balls: Floats, blocks: Floats) -> tuple[Floats, Floats]:
+    """Return a ball (4,) and a box (6,) that hold the images of the ends' balls and boxes."""
+    linear, shift = maps[:, :, :3], maps[:, :, 3]
+    middle = np.einsum("kab,kb->ka", linear, balls[ends, :3]) + shift
+    reach = np.linalg.norm(linear, axis=2) * balls[ends, 3:]
+    other = np.einsum("kab,kb->ka", linear, blocks[ends, :3]) + shift
+    across = np.einsum("kab,kb->ka", np.abs(linear), blocks[ends, 3:])
+    lower = np.maximum(middle - reach, other - across).min(axis=0)
+    upper = np.minimum(middle + reach, other + across).max(axis=0)
+    block = np.concatenate([(lower + upper) / 2, (upper - lower) / 2 * TIGHT])
+    radii = np.linalg.norm(linear, 2, axis=(1, 2)) * balls[ends, 3]
+    centre = block[:3]
+    for step in range(1, 65):  # towards the furthest image: Bădoiu and Clarkson 2003
+        far = np.linalg.norm(middle - centre, axis=1) + radii
+        centre = centre + (middle[far.argmax()] - centre) / (step + 1)
+    radius = (np.linalg.norm(middle - centre, axis=1) + radii).max()
+    return np.append(centre, radius * TIGHT), block
+
+
+def _point(state: int, first: Indices, targets: Indices, maps: Floats, balls: Floats) -> Floats:
+    """Return a point of a state's attractor: the fixed point of the cycle its first maps run into.
+
+    A state without maps has its ball's centre.
+    """
+    path: list[int] = []
+    while state not in path and first[state] < first[state + 1]:
+        path.append(state)
+        state = int(targets[first[state]])
+    at = path.index(state) if state in path else len(path)
+    A, b = np.eye(3), np.zeros(3)
+    for q in path[at:]:
+        b = b + A @ maps[first[q], :, 3]
+        A = A @ maps[first[q], :, :3]
+    point = np.linalg.solve(np.eye(3) - A, b) if state in path else balls[state, :3]
+    for q in reversed(path[:at]):
+        point = maps[first[q], :, :3] @ point + maps[first[q], :, 3]
+    return np.asarray(point)
