@@ -65,21 +65,23 @@ def _on(mesh: VolumeMesh, body: Indices, side: str) -> Indices:
 
 def _why_not(mesh: VolumeMesh, body: Indices, between: int) -> str:
     count = int(body.max()) + 1
-    for side in (FIXED, LOADED):
-        if not len(_on(mesh, body, side)):
-            return (
-                f"the mesh has no faces on {side}: nothing there can be held or pressed; "
-                "cut the body flat, or choose a domain that its flat sides reach"
-            )
+    apart = f"the mesh falls into {count} bodies that no face joins" if count > 1 else ""
+    joins = "contacts = 'fuse' or an offset joins what only touches"
     if between:
         return (
-            f"{between} of {count} bodies reach from {FIXED} to {LOADED}, each by itself: a step "
-            "would press them side by side, not one material; contacts = 'fuse' or an offset "
-            "joins what touches"
+            f"{apart}, and {between} of them reach from {FIXED} to {LOADED}, each by itself: a "
+            f"step would press them side by side, not one material; {joins}"
         )
+    bare = [side for side in (FIXED, LOADED) if not len(_on(mesh, body, side))]
+    if bare:
+        flat = (
+            f"no face lies on {' or '.join(bare)}, and a point or an edge can be neither held nor "
+            "pressed: choose a domain whose sides cut the body flat"
+        )
+        return f"{apart}: {joins}; {flat}" if apart else flat
     return (
-        f"no face-connected body joins {FIXED} and {LOADED}: of {count} bodies some may touch in "
-        "points or edges, which carry no load; contacts = 'fuse' or an offset joins what touches"
+        f"no face-connected body joins {FIXED} and {LOADED}: {apart}, and touching in a point or "
+        f"an edge bears no load; {joins}"
     )
 
 
