@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from porous import memory
 from porous.errors import MemoryLimitError, ModelError
 from porous.models.automaton import (
     Automaton,
@@ -184,7 +185,8 @@ def test_a_cut_set_of_what_does_not_shrink_ends():
             cut_set(automaton, size, sizes)
 
 
-def test_too_many_cells_are_refused_before_they_are_made():
+def test_too_many_cells_are_refused_before_they_are_made(monkeypatch):
+    monkeypatch.setattr(memory, "available", lambda: 10**8)
     automaton = of_maps(named("menger").maps)
     with pytest.raises(MemoryLimitError, match=rf"level 40 \({20**40} cells\) would need"):
         expand(automaton, 40)

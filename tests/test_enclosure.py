@@ -116,7 +116,7 @@ def random_contraction(seed, stretch):
     return of_maps([(M, b) for M, b in zip(A, rng.normal(size=(len(A), 3)), strict=True)])
 
 
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(deadline=None, derandomize=True, max_examples=10)
 @given(seed=st.integers(0, 10**6), stretch=st.floats(0.2, 0.85))
 def test_random_maps_stay_inside_and_boxes_are_tight(seed, stretch):
     automaton = random_contraction(seed, stretch)
@@ -133,7 +133,7 @@ def test_random_maps_stay_inside_and_boxes_are_tight(seed, stretch):
     assert np.min(ends) >= -0.01 * radius - 1e-9
 
 
-@settings(deadline=None, derandomize=True, max_examples=15)
+@settings(deadline=None, derandomize=True, max_examples=8)
 @given(seed=st.integers(0, 10**6), radius=st.sampled_from([0.0, 0.4]))
 def test_the_orbit_s_box_holds_every_level(seed, radius):
     automaton = random_contraction(seed, 0.6)

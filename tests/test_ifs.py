@@ -291,11 +291,12 @@ def test_features_and_pores_of_menger():
 
 
 def test_deep_levels_have_features_too():
-    model = ifs(named("menger"), level=2000)
+    model = ifs(named("cantor-dust"), level=1000)
     assert model.smallest_feature() == model.smallest_pore() == 0.0
     assert model.feature_size is None
-    assert exact(model)["porosity"] == 1.0
-    assert exact(model)["euler_number"] == -math.inf
+    found = exact(model)
+    assert found["porosity"] == 1.0
+    assert found["euler_number"] == found["components"] == math.inf
 
 
 def test_the_finest_printable_level():
@@ -367,7 +368,7 @@ def odd_frame(model):
     )
 
 
-@settings(deadline=None, derandomize=True, max_examples=12)
+@settings(deadline=None, derandomize=True, max_examples=6)
 @given(seed=st.integers(0, 10**6))
 def test_a_renamed_or_doubled_automaton_has_the_same_voxels(seed):
     rng = np.random.default_rng(seed)

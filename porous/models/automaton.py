@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SUM_TOLERANCE = 1e-9
 """How far a column's sum may be from one, relative to the column's sum of absolute weights."""
 
-DEEPEST = 4096
+DEEPEST = 1024
 """The deepest level that is ever tried."""
 
 FLATNESS = 1e-12

@@ -25,6 +25,11 @@ Offset = tuple[int, int, int]
 VACUUM: Axes = (False, False, False)
 _CORNERS = tuple(product((0, 1), repeat=3))
 _AROUND = tuple((x, y, z) for x, y, z in product((-1, 0, 1), repeat=3) if x or y or z)
+_NEIGHBOURS = {
+    6: frozenset(e for e in _AROUND if sum(map(abs, e)) == 1),
+    26: frozenset(_AROUND),
+}
+"""Offsets of voxels that are joined, by connectivity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +97,15 @@ class Prefractal(Value):
         no copies touch, pieces multiply.
         """
         pieces: int | None = 1
+        touching = _NEIGHBOURS[connectivity]
+        graph = _graph(self.digits, touching, VACUUM)
         for level in range(1, self.level + 1):
-            wraps = self.periodic if level == self.level else VACUUM
-            touching = _touching(self.digits, level - 1, connectivity)
-            pieces = _next_pieces(self.digits, touching, wraps, pieces)
-            if pieces is None:
-                return None
+            if level == self.level and any(self.periodic):
+                graph = _graph(self.digits, touching, self.periodic)
+            pieces = _next_pieces(len(self.digits.keep), graph, pieces)
+            finer = _steps(self.digits, touching)
+            if finer != touching:
+                touching, graph = finer, _graph(self.digits, finer, VACUUM)
         return pieces
 
     def cavities(self, connectivity: int = 26) -> int | None:
@@ -191,33 +199,21 @@ def _spread(coarse: int, straddled: tuple[int, ...]) -> int:
     return reach
 
 
-def _next_pieces(
-    digits: DigitSet, touching: frozenset[Offset], periodic: Axes, before: int | None
-) -> int | None:
-    pieces, joined = _graph(digits, touching, periodic)
+def _next_pieces(copies: int, graph: tuple[int, bool], before: int | None) -> int | None:
+    pieces, joined = graph
     if before == 1:
         return pieces
     if before is None or joined:
         return None
-    return pieces * before
+    return copies * before
 
 
-def _touching(digits: DigitSet, level: int, connectivity: int) -> frozenset[Offset]:
-    """Return the offsets at which two copies of the level-``level`` body touch."""
-    if connectivity == 6:
-        alive = frozenset(e for e in _AROUND if sum(map(abs, e)) == 1)
-    else:
-        alive = frozenset(_AROUND)
-    for _ in range(level):
-        finer = _steps(digits, alive)
-        if finer == alive:
-            break
-        alive = finer
-    return alive
-
-
+@lru_cache(maxsize=64)
 def _steps(digits: DigitSet, alive: frozenset[Offset]) -> frozenset[Offset]:
-    """Return the coarse offsets from which some pair of digits leads to a live finer one."""
+    """Return the coarse offsets from which some pair of digits leads to a live finer one.
+
+    Two copies of the level-n body touch at an offset where n such steps lead to neighbours.
+    """
     table, n = digits.table, digits.divisions
     return frozenset(
         coarse
@@ -239,6 +235,7 @@ def _overlap(table: NDArray[np.bool_], shift: list[int]) -> bool:
     return bool((table[here] & table[there]).any())
 
 
+@lru_cache(maxsize=64)
 def _graph(digits: DigitSet, touching: frozenset[Offset], periodic: Axes) -> tuple[int, bool]:
     """Return the number of pieces of the graph of copies that touch, and whether any do."""
     from scipy.sparse import coo_array
