@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from porous.models.pieces import Pieces
     from porous.values import Frame, Measure, Pattern, SurfaceMesh
 
 KIND = "ifs"
@@ -178,6 +179,13 @@ class IFS(Value):
         return np.column_stack([points, np.full(len(points), self.contact_radius)])
 
     @cached_property
+    def pieces(self) -> Pieces:
+        """The body of a level as a union of images; it remembers where they lie."""
+        from porous.models.pieces import Pieces
+
+        return Pieces(self.primitive, self.frames(), self.offset, self.balls)
+
+    @cached_property
     def attractor_balls(self) -> NDArray[np.float64]:
         """A ball per state that holds its attractor, (s, 4)."""
         return enclosing_balls(self.automaton)
@@ -206,9 +214,7 @@ class IFS(Value):
             return rasterise.sample_digits(
                 self.plain_digits, self.level, self.primitive.box, frame, pattern
             )
-        return rasterise.sample_pieces(
-            self.primitive, self.frames(), frame, pattern, offset=self.offset, balls=self.balls
-        )
+        return self.pieces.sample(frame, pattern)
 
     def fill(
         self,
@@ -234,9 +240,7 @@ class IFS(Value):
             return rasterise.cover_attractor(
                 self.automaton, self.attractor_balls, frame, offset=self.offset
             )
-        return rasterise.cover_pieces(
-            self.primitive, self.frames(), frame, offset=self.offset, balls=self.balls
-        )
+        return self.pieces.cover(frame)
 
     def boundary(self) -> SurfaceMesh:
         """Return the exact boundary.
