@@ -81,6 +81,13 @@ def test_nodes_within_the_tolerance_count_and_others_do_not():
         name_parts(mesh, box, tolerance=0.7)
 
 
+def test_a_long_body_of_thin_cells_keeps_its_layers_apart():
+    mesh = brick(spacing=(400.0, 1.0, 0.5))  # a thousandth of the length is more than two layers
+    named = name_parts(mesh, box_of(mesh))
+    assert len(named.parts["ZMAX"].members) == 20
+    assert len(named.parts["YMIN_FACES"].members) == 15
+
+
 def test_a_body_that_does_not_reach_a_side_has_no_part_there():
     mesh = brick()
     named = name_parts(mesh, box_of(mesh).grown(1.0))

@@ -19,9 +19,12 @@ if TYPE_CHECKING:
     Indices = NDArray[np.int64]
 
 TOLERANCE = 1e-3
-"""Nodes closer to a side are on it, relative to the box's longest edge. tetwild keeps to its surface
-within about that: at edges of the body it puts nodes up to 9e-4 inside a side, and faces that lack
-one of them would leave up to 2 % of the side without load."""
+"""Nodes closer to a side are on it, relative to the box's longest edge. tetwild keeps to its
+surface within about that: at edges of the body it puts nodes up to 9e-4 inside a side, and faces
+that lack one of them would leave up to 2 % of the side without load."""
+
+NEAR = 0.2
+"""Nodes farther from a side than this part of a typical cell's extent are of another layer."""
 
 
 def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> VolumeMesh:
@@ -38,7 +41,8 @@ def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> V
     box
         In the mesh's unit.
     tolerance
-        How far from a side nodes may lie, relative to the box's longest edge.
+        How far from a side nodes may lie, relative to the box's longest edge; never more than
+        ``NEAR`` of a typical cell's extent along that axis.
 
     Raises
     ------
@@ -49,13 +53,13 @@ def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> V
         raise MeshError(f"tolerance: got {tolerance}; wanted a number from 0 to less than 0.5")
     faces = boundary_faces(mesh)
     nodes = nodes_of(mesh, faces)
-    reach = tolerance * max(box.lengths)
+    reach = np.minimum(tolerance * max(box.lengths), NEAR * _cell_extent(mesh))
     parts: dict[str, Part] = {}
     skin = np.zeros(len(faces), dtype=bool)
     for index, side in enumerate(SIDES):
         axis, end = divmod(index, 2)
         level = (box.lower, box.upper)[end][axis]
-        on = np.abs(mesh.points[:, axis] - level) <= reach
+        on = np.abs(mesh.points[:, axis] - level) <= reach[axis]
         inside = (on[nodes] | (nodes < 0)).all(axis=1)
         skin |= inside
         parts[side] = Part("nodes", np.flatnonzero(on & _touched(mesh, nodes)))
@@ -66,6 +70,12 @@ def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> V
     found = {name: part for name, part in parts.items() if len(part.members)}
     kept = {name: part for name, part in mesh.parts.items() if name not in parts}
     return VolumeMesh(mesh.points, mesh.blocks, mesh.cell_tags, {**kept, **found}, mesh.unit)
+
+
+def _cell_extent(mesh: VolumeMesh) -> NDArray[np.float64]:
+    """Return the median extent of the cells along x, y and z."""
+    extents = [np.ptp(mesh.points[block.cells], axis=1) for block in mesh.blocks]
+    return np.asarray(np.median(np.concatenate([*extents, np.zeros((not extents, 3))]), axis=0))
 
 
 def _touched(mesh: VolumeMesh, nodes: Indices) -> NDArray[np.bool_]:

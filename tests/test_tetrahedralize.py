@@ -1,0 +1,187 @@
+"""Tetrahedra of closed surfaces: volume, quality, refusals before the mesher starts, its death."""
+
+import itertools
+
+import numpy as np
+import pytest
+import systems
+
+from porous.errors import Cancelled, GuestError, MeshError
+from porous.guests import tetwild
+from porous.models.boundary import exact_boundary
+from porous.models.primitive import named
+from porous.stages import tetrahedralize
+from porous.values import SurfaceMesh
+from porous.values.volume_topology import bodies
+
+CUBE = named("cube").surface("um")
+
+
+def smallest_dihedral(mesh):
+    """Return the smallest angle between two faces of a tetrahedron, in degrees."""
+    smallest = 180.0
+    corners = mesh.points[mesh.blocks[0].cells]
+    for i, j in itertools.combinations(range(4), 2):
+        k, m = (n for n in range(4) if n not in (i, j))
+        edge = corners[:, j] - corners[:, i]
+        a, b = (np.cross(edge, corners[:, n] - corners[:, i]) for n in (k, m))
+        cosine = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+        smallest = min(smallest, np.degrees(np.arccos(np.clip(cosine, -1, 1))).min())
+    return smallest
+
+
+@pytest.fixture
+def no_guest(monkeypatch):
+    def run(*_args, **_options):
+        pytest.fail("the mesher was started")
+
+    monkeypatch.setattr(tetwild, "run", run)
+
+
+def without(surface, triangles):
+    return SurfaceMesh(surface.points, surface.triangles[triangles:])
+
+
+def test_a_box_of_unequal_edges(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    surface = SurfaceMesh(CUBE.points * [1.0, 2.0, 3.0], CUBE.triangles, "um")
+    told = []
+    mesh = tetrahedralize(surface, edge_length=0.7, progress=lambda *x: told.append(x))
+    assert mesh.unit == "um"
+    assert (mesh.volumes > 0).all()
+    assert mesh.volumes.sum() == pytest.approx(6, rel=1e-3)
+    assert len(np.unique(mesh.blocks[0].cells)) == len(mesh.points)
+    assert bodies(mesh).max() == 0
+    assert smallest_dihedral(mesh) > 8
+    assert told[-1] == ("volume", 1.0)
+    assert not list(tmp_path.iterdir())  # the mesher writes where it stands
+
+
+def test_shorter_edges_make_more_cells():
+    coarse, fine = (tetrahedralize(CUBE, edge_length=e).cells for e in (0.6, 0.1))
+    assert fine > 2 * coarse
+
+
+def test_solids_that_touch_share_no_nodes():
+    automaton, solid = systems.flake("tetrahedron")
+    surface = exact_boundary(automaton, solid, 1)
+    mesh = tetrahedralize(surface, edge_length=0.5)
+    assert bodies(mesh).max() + 1 == 4
+    groups = [np.unique(mesh.blocks[0].cells[bodies(mesh) == i]) for i in range(4)]
+    assert sum(map(len, groups)) == len(mesh.points)
+    assert mesh.volumes.sum() == pytest.approx(1 / 6, rel=1e-3)
+
+
+@pytest.mark.usefixtures("no_guest")
+@pytest.mark.parametrize(
+    ("surface", "words"),
+    [
+        (without(CUBE, 1), "hole"),
+        (without(CUBE, 12), "no triangles"),
+        (SurfaceMesh(CUBE.points, CUBE.triangles[:, ::-1]), "inside out"),
+        (
+            SurfaceMesh(CUBE.points, np.concatenate([CUBE.triangles, CUBE.triangles])),
+            "not a manifold",
+        ),
+    ],
+)
+def test_bad_surfaces_are_refused_before_the_mesher_starts(surface, words):
+    with pytest.raises(MeshError, match=words):
+        tetrahedralize(surface)
+
+
+def test_numbers_that_are_none_and_indices_of_nothing_never_become_a_surface():
+    points = CUBE.points.copy()
+    points[3, 1] = np.nan
+    with pytest.raises(MeshError, match="point 3"):
+        SurfaceMesh(points, CUBE.triangles)
+    with pytest.raises(MeshError, match="indices"):
+        SurfaceMesh(CUBE.points, CUBE.triangles + 1)
+
+
+@pytest.mark.usefixtures("no_guest")
+@pytest.mark.parametrize("option", ["edge_length", "epsilon", "stop_energy"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_lengths_that_are_none_are_refused(option, value):
+    with pytest.raises(MeshError, match=option):
+        tetrahedralize(CUBE, **{option: value})
+
+
+def test_time_is_up():
+    with pytest.raises(GuestError, match="time limit"):
+        tetrahedralize(CUBE, time_limit=0.1)
+
+
+def test_progress_cancels():
+    def stop(_stage, _done):
+        raise Cancelled("enough")
+
+    with pytest.raises(Cancelled):
+        tetrahedralize(CUBE, progress=stop)
+
+
+def test_a_mesher_that_dies_is_told(monkeypatch):
+    monkeypatch.setattr(tetwild.sys, "executable", "/bin/false")
+    with pytest.raises(GuestError, match="pytetwild failed with exit code 1"):
+        tetrahedralize(CUBE)
+    monkeypatch.setattr(tetwild.sys, "executable", "/bin/true")
+    with pytest.raises(GuestError, match="without a mesh"):
+        tetrahedralize(CUBE)
+
+
+def answer(monkeypatch, *meshes):
+    """Have the mesher give these answers one after the other; return what it was asked."""
+    asked, left = [], list(meshes)
+
+    def run(_command, *, folder, **_):
+        with np.load(folder / "in.npz") as given:
+            asked.append(float(given["epsilon"]))
+        points, tets = left.pop(0)
+        np.savez(folder / "out.npz", points=points, tets=np.array(tets, dtype=np.int64))
+
+    monkeypatch.setattr(tetwild, "run", run)
+    return asked
+
+
+TET = named("tetrahedron")
+WHOLE = TET.points, [[0, 1, 3, 2]]
+FLIPPED = TET.points, [[0, 1, 2, 3]]
+SMALL = TET.points * 0.99, [[0, 1, 3, 2]]
+
+
+def test_tetrahedra_are_turned_and_unused_points_dropped(monkeypatch):
+    for points, tets in (WHOLE, FLIPPED):
+        more = np.vstack([[[7, 7, 7]], points])
+        answer(monkeypatch, (more, np.array(tets) + 1))
+        mesh = tetrahedralize(TET.surface())
+        assert mesh.volumes.tolist() == pytest.approx([1 / 3])
+        assert len(mesh.points) == 4
+
+
+def test_a_wrong_volume_is_tried_again_and_then_told(monkeypatch):
+    asked = answer(monkeypatch, SMALL, WHOLE)
+    assert tetrahedralize(TET.surface()).volumes.sum() == pytest.approx(1 / 3)
+    assert asked == [1e-3, 2.5e-4]
+    answer(monkeypatch, SMALL, SMALL)
+    with pytest.raises(GuestError, match=r"-3 % off"):
+        tetrahedralize(TET.surface())
+
+
+def test_no_tetrahedra_and_flat_ones_are_told(monkeypatch):
+    answer(monkeypatch, (TET.points, np.zeros((0, 4))))
+    with pytest.raises(GuestError, match="no tetrahedra"):
+        tetrahedralize(TET.surface())
+    answer(monkeypatch, (TET.points * [1, 1, 0], WHOLE[1]))
+    with pytest.raises(GuestError, match="without volume"):
+        tetrahedralize(TET.surface())
+
+
+@pytest.mark.slow
+def test_exact_menger_3_three_times():
+    surface = exact_boundary(systems.digits(3, systems.MENGER), named("cube"), 3)
+    for _ in range(3):
+        mesh = tetrahedralize(surface)
+        assert smallest_dihedral(mesh) > 8
+        assert (mesh.volumes > 0).all()
+        assert mesh.volumes.sum() == pytest.approx((20 / 27) ** 3, rel=1e-3)
+        assert bodies(mesh).max() == 0
