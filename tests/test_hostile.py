@@ -256,7 +256,7 @@ STL = {
     "open": (stl(POINTS[FACES[:3]]), is_open),
     "as large as the moon": (stl(FAR), lambda value: value.volume == pytest.approx(5e27)),
     "unit of another world": (stl(head=b"porous STL unit=parsec"), "unit in the .*'parsec'"),
-    "origin nan": (stl(head=b"porous STL origin=nan,0,0"), "wanted finite"),
+    "origin nan": (stl(head=b"porous STL origin=nan,0,0"), "points: point 0 is .nan"),
     "origin of two": (stl(head=b"porous STL origin=1,2"), "origin .*; wanted three numbers"),
     "text with nan": (text_stl(NAN), "facet 2 of 4"),
     "text with words": (

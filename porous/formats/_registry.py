@@ -131,7 +131,10 @@ def write(value: Value, path: str | Path) -> None:
         raise FormatError(
             f"{path}: a {form.suffix} file cannot hold a {what}; wanted one of {homes}"
         )
-    disk.write_bytes(path, form.write(value))
+    try:
+        disk.write_bytes(path, form.write(value))
+    except FormatError as error:
+        raise FormatError(f"{path}: {error}") from None
 
 
 def _plain(error: Exception) -> str:

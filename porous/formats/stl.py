@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from array import array
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,17 +45,30 @@ PLAUSIBLE = (1e-6, 1e6)
 """Longest edge, in the file's unit, beyond which the unit is asked after."""
 
 
+@dataclass(frozen=True)
+class _Soup:
+    """Facets as they stand in the file: corners (t, 3, 3) relative to ``origin``."""
+
+    corners: NDArray[np.floating[Any]]
+    unit: str
+    origin: NDArray[np.float64]
+
+
 def read(source: Source) -> SurfaceMesh:
     """Read a binary or text STL; equal corners become one point, in their order of appearance."""
-    data = source.data
-    if _is_text(data):
-        corners, unit = _read_text(data), "mm"
-    else:
-        corners, unit = _read_binary(source)
-    bad = np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))
+    soup = _read_text(source.data) if _is_text(source.data) else _read_binary(source)
+    bad = np.flatnonzero(~np.isfinite(soup.corners).all(axis=(1, 2)))
     if len(bad):
-        refuse(f"facet {bad[0] + 1} of {len(corners)}", corners[bad[0]].tolist(), "finite corners")
-    return _weld(source, corners, unit)
+        got = soup.corners[bad[0]].tolist()
+        refuse(f"facet {bad[0] + 1} of {len(soup.corners)}", got, "finite corners")
+    points, triangles = _weld(soup.corners)
+    proper = triangles[_proper(triangles)]
+    if not len(proper):
+        what = f"none of {len(triangles)} facets has three corners" if len(points) else "no facets"
+        raise FormatError(f"{what}; wanted at least one")
+    surface = SurfaceMesh(points + soup.origin, proper, soup.unit)
+    _notes(source, surface, len(triangles) - len(proper))
+    return surface
 
 
 def write(surface: SurfaceMesh) -> Iterator[bytes]:
@@ -83,7 +97,7 @@ def _count(data: bytes) -> int:
     return int.from_bytes(data[80:PREFIX], "little")
 
 
-def _read_binary(source: Source) -> tuple[NDArray[np.float64], str]:
+def _read_binary(source: Source) -> _Soup:
     data = source.data
     if len(data) < PREFIX:
         raise FormatError(f"got {len(data)} bytes; a binary STL has at least {PREFIX}")
@@ -95,7 +109,7 @@ def _read_binary(source: Source) -> tuple[NDArray[np.float64], str]:
         source.note(f"{over} bytes follow the last of {count} facets; they are left out")
     facets = np.frombuffer(data, FACET, count, PREFIX)
     unit, origin = _header(data[:80])
-    return facets["corners"] + origin, unit
+    return _Soup(facets["corners"], unit, origin)
 
 
 def _header(text: bytes) -> tuple[str, NDArray[np.float64]]:
@@ -113,7 +127,7 @@ def _header(text: bytes) -> tuple[str, NDArray[np.float64]]:
     return unit, origin
 
 
-def _read_text(data: bytes) -> NDArray[np.float64]:
+def _read_text(data: bytes) -> _Soup:
     corners, place, count, ended = array("d"), 0, 0, False
     while (place := SPACE.match(data, place).end()) < len(data):  # type: ignore[union-attr]
         if title := TITLE.match(data, place):
@@ -128,31 +142,33 @@ def _read_text(data: bytes) -> NDArray[np.float64]:
         place, ended = match.end(), False
     if not ended:
         raise FormatError(f"the text ends after {count} facets; wanted endsolid")
-    return np.array(corners).reshape(-1, 3, 3)
+    return _Soup(np.array(corners).reshape(-1, 3, 3), "mm", np.zeros(3))
 
 
-def _weld(source: Source, corners: NDArray[np.float64], unit: str) -> SurfaceMesh:
+def _weld(
+    corners: NDArray[np.floating[Any]],
+) -> tuple[NDArray[np.floating[Any]], NDArray[np.int64]]:
+    """Return the distinct corners in the order of their appearance, and the facets' indices."""
     rows = np.ascontiguousarray(corners.reshape(-1, 3)) + 0.0  # −0 and 0 are one place
-    _, first, place = np.unique(rows.view("V24").ravel(), return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    triangles = rank[place].reshape(-1, 3)
-    proper = triangles[_proper(triangles)]
-    if not len(proper):
-        what = f"none of {len(triangles)} facets has three corners" if len(rows) else "no facets"
-        raise FormatError(f"{what}; wanted at least one")
-    surface = SurfaceMesh(rows[first[order]], proper, unit)
-    _notes(source, surface, len(triangles) - len(proper))
-    return surface
+    order = np.lexsort(rows.T)  # stable: of equal rows the first in the file comes first
+    fresh = np.ones(len(rows), dtype=bool)
+    fresh[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    first = order[fresh]
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    place = np.empty(len(rows), dtype=np.int64)
+    place[order] = rank[np.cumsum(fresh) - 1]
+    return rows[np.sort(first)], place.reshape(-1, 3)
 
 
 def _notes(source: Source, surface: SurfaceMesh, collapsed: int) -> None:
     if collapsed:
         source.note(f"{collapsed} facets have two corners in one place; they are left out")
-    alike = np.unique(np.sort(surface.triangles, axis=1), axis=0)
-    if len(alike) < len(surface.triangles):
-        source.note(f"{len(surface.triangles) - len(alike)} facets lie on others")
+    corners = np.sort(surface.triangles, axis=1)
+    corners = corners[np.lexsort(corners.T)]
+    twice = int((corners[1:] == corners[:-1]).all(axis=1).sum())
+    if twice:
+        source.note(f"{twice} facets lie on others")
     length = max(surface.box.lengths)
     if not PLAUSIBLE[0] <= length <= PLAUSIBLE[1]:
         source.note(f"the longest edge is {length:.3g} {surface.unit}: is that the unit?")
