@@ -31,7 +31,7 @@ def tile_fills(
     *,
     periodic: Axes = (False, False, False),
     progress: Progress | None = None,
-) -> tuple[NDArray[np.int64], int]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Count the fills of the tile ``start`` … ``stop`` (not within) of a grid.
 
     Parameters
@@ -52,8 +52,8 @@ def tile_fills(
     histogram
         int64, shape (256, 256): number of voxels by fill and bulk.
     jumps
-        Number of voxel faces between fill 255 and fill 0 (or the void beyond the grid). Each is
-        counted at its upper voxel, those at the upper end of a grid in vacuum at their lower one.
+        int64, shape (3, longest + 1): number of voxel faces between fill 255 and fill 0 (or the
+        void beyond the grid), by axis and lattice plane: plane i lies below voxel i.
     """
     given = source(fill, np.uint8)
     body = source(_NO_BULK if bulk is None else bulk, np.uint8)
@@ -61,7 +61,7 @@ def tile_fills(
     planes = max(1, SLAB // ((stop[1] - start[1]) * (stop[2] - start[2])))
     parts = -(-count // planes)
     histogram = np.zeros((parts, 256, 1 if bulk is None else 256), np.int64)
-    jumps = np.zeros((parts, 1), np.int64)
+    jumps = np.zeros((parts, 3, max(fill.shape) + 1), np.int64)
     wraps = np.array(periodic, np.int64)
     void = source(np.zeros(fill.shape[2]), np.uint8)
 
@@ -72,12 +72,12 @@ def tile_fills(
     slabs(count, planes, work, progress)
     result = np.zeros((256, 256), np.int64)
     result[:, 255 if bulk is None else slice(None)] = histogram.sum(axis=0).squeeze()
-    return result, int(jumps.sum())
+    return result, jumps.sum(axis=0)
 
 
 @kernel
 def _sharp(one, other):
-    """Return how often 0 meets 255 between two rows: where the bytes differ by 255."""
+    """Return how often 0 meets 255 between two rows."""
     count = 0
     for k in range(len(one)):
         count += np.int64((one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0))
@@ -85,8 +85,15 @@ def _sharp(one, other):
 
 
 @kernel
+def _tally(one, other, counts):
+    """Add 1 wherever 0 meets 255 between two rows."""
+    for k in range(len(one)):
+        counts[k] += np.int64((one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0))
+
+
+@kernel
 def _survey(fill, bulk, ends, wraps, void, histogram, jumps):
-    """Add the voxels between ``ends`` to the histogram and their sharp faces to ``jumps[0]``."""
+    """Add the voxels between ``ends`` to the histogram and their sharp faces to ``jumps``."""
     nx, ny, nz = fill.shape
     a, b = ends[0, 2], ends[1, 2]
     for i in range(ends[0, 0], ends[1, 0]):
@@ -94,18 +101,23 @@ def _survey(fill, bulk, ends, wraps, void, histogram, jumps):
             row = fill[i, j, a:b]
             left = void[a:b] if i == 0 and not wraps[0] else fill[i - 1, j, a:b]
             front = void[a:b] if j == 0 and not wraps[1] else fill[i, j - 1, a:b]
-            sharp = _sharp(row, left) + _sharp(row, front) + _sharp(row[1:], row[:-1])
+            jumps[0, i] += _sharp(row, left)
+            jumps[1, j] += _sharp(row, front)
             if i == nx - 1 and not wraps[0]:
-                sharp += _sharp(row, void[a:b])
+                jumps[0, nx] += _sharp(row, void[a:b])
             if j == ny - 1 and not wraps[1]:
-                sharp += _sharp(row, void[a:b])
-            if a > 0 or wraps[2]:
-                sharp += _sharp(row[:1], fill[i, j, a - 1 : a] if a > 0 else fill[i, j, nz - 1 :])
+                jumps[1, ny] += _sharp(row, void[a:b])
+            below = row[:1]
+            if a > 0:
+                below = fill[i, j, a - 1 : a]
+            elif wraps[2]:
+                below = fill[i, j, nz - 1 :]
             else:
-                sharp += _sharp(row[:1], void[:1])
+                below = void[:1]
+            jumps[2, a] += _sharp(row[:1], below)
+            _tally(row[1:], row[:-1], jumps[2, a + 1 : b])
             if b == nz and not wraps[2]:
-                sharp += _sharp(row[-1:], void[:1])
-            jumps[0] += sharp
+                jumps[2, nz] += _sharp(row[-1:], void[:1])
             if len(bulk):
                 for k in range(b - a):
                     histogram[row[k], bulk[i, j, a + k]] += 1

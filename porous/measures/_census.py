@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,11 +28,11 @@ class FillCounts:
     """How many voxels there are by fill and bulk, int64 (256, 256), and how many sharp faces.
 
     A face is sharp where a full voxel meets an empty one: the surface lies in one of them, but
-    no sample has told.
+    no sample has told. They are counted by axis and lattice plane, int64 (3, longest + 1).
     """
 
     histogram: NDArray[np.int64]
-    jumps: int
+    jumps: NDArray[np.int64]
 
     def __add__(self, other: FillCounts) -> FillCounts:
         return FillCounts(self.histogram + other.histogram, self.jumps + other.jumps)
@@ -55,6 +56,20 @@ def count_inner_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[n
         grid.fill, start, stop, periodic=grid.frame.periodic, beyond="nothing"
     )
     return result
+
+
+def count_coarse_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[np.int64]:
+    """Count the windows of every other voxel along each axis, in all eight ways to choose them."""
+    total: NDArray[np.int64] = np.zeros(256, np.int64)
+    for phase in product((0, 1), repeat=3):
+        chosen = grid.fill[tuple(slice(first, None, 2) for first in phase)]
+        a, b = (
+            tuple((end - first + 1) // 2 for end, first in zip(ends, phase, strict=True))
+            for ends in (start, stop)
+        )
+        if all(low < high for low, high in zip(a, b, strict=True)):
+            total += tile_histogram(chosen, a, b, periodic=grid.frame.periodic)  # type: ignore[arg-type]
+    return total
 
 
 class Census:
@@ -93,6 +108,11 @@ class Census:
     def inner_windows(self) -> NDArray[np.int64]:
         """Windows that do not look beyond the frame."""
         return fold(count_inner_windows, self.grid, self.tiles)
+
+    @cached_property
+    def coarse_windows(self) -> NDArray[np.int64]:
+        """Windows of the solid at twice the spacing, eight times as many as one such grid has."""
+        return fold(count_coarse_windows, self.grid, self.tiles)
 
     def number(self, functional: str) -> int:
         """Return one of ``kernels.windows.FUNCTIONALS`` of the solid."""

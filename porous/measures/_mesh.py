@@ -89,10 +89,8 @@ class SurfaceCensus:
         return float(self.areas[counted[self.surface.labels]].sum())
 
     def area_row(self, name: str, caps: tuple[str, ...]) -> Measure:
-        """Return the area without some caps; its uncertainty is in proportion."""
-        area, whole = self.area_without(caps), float(self.areas.sum())
-        doubt = self.area_doubt * area / whole if whole else 0.0
-        return self.row(name, area, f"{self.surface.unit}²", doubt)
+        """Return the area without some caps; where they end is as uncertain as the whole."""
+        return self.row(name, self.area_without(caps), f"{self.surface.unit}²", self.area_doubt)
 
     def row(self, name: str, value: float, unit: str, doubt: float | None = None) -> Measure:
         """Return a row of this surface; exact where there is no doubt."""

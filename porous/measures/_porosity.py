@@ -28,7 +28,7 @@ many different fills; the mean of their errors is below ``VOXEL`` / √|v|₁, a
 """
 
 OFFSET = 12**-0.5
-"""Standard uncertainty of where a plane lies between two rows of voxel centres, in voxels."""
+"""Standard uncertainty of where a face lies between two rows of voxel centres, in voxels."""
 
 
 def solid_fractions(histogram: NDArray[np.int64], sampling: str) -> Floats:
@@ -66,7 +66,7 @@ class Amounts:
         least = np.maximum(fills + bulks - 1, 0)
         self.unknown = float((histogram * (np.minimum(fills, bulks) - least)).sum())
         self.cuts = histogram[1:255, 1:].sum(axis=1)
-        self.jumps = counts.jumps
+        self.jumps = counts.jumps.ravel()
         if not self.bulk_count:
             raise GridError("porosity: the bulk has no voxel that is at least half in it")
 
@@ -94,11 +94,12 @@ def _fill_doubt(amounts: Amounts) -> float:
 
 
 def _centre_doubt(amounts: Amounts) -> float:
-    return (amounts.cut + amounts.jumps) * OFFSET
+    # Faces in one plane of the lattice may be one face of the body and share an error.
+    return OFFSET * float(np.linalg.norm(np.append(amounts.cuts, amounts.jumps)))
 
 
 def _cover_doubt(amounts: Amounts) -> float:
-    return float(amounts.cut + amounts.jumps)
+    return float(amounts.cut + amounts.jumps.sum())
 
 
 _DOUBTS: dict[str, Callable[[Amounts], float]] = {
@@ -172,10 +173,10 @@ def porosity(grid: VoxelGrid, *, method: str = "voxel fill") -> Measure:
     -------
     Measure
         The uncertainty is what sampling may have missed of the voxels that the surface crosses.
-        At 64 points those of one fill may share an error, ``VOXEL`` · √(Σ n²) for n voxels of each
-        fill; where only centres were asked it is ``OFFSET`` of each, and where the set was covered
-        all of each. Solids and pores thinner than a
-        voxel may escape the samples altogether; no grid can tell.
+        At 64 points those of one fill may share an error, and so may full ones that meet empty ones
+        in one lattice plane: ``VOXEL`` · √(Σ n²) for n of each group. Where only centres were asked
+        it is ``OFFSET`` instead; where the set was covered, all of them. Solids and pores thinner
+        than a voxel may escape the samples altogether; no grid can tell.
 
     Raises
     ------
