@@ -75,7 +75,9 @@ def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> V
 def _cell_extent(mesh: VolumeMesh) -> NDArray[np.float64]:
     """Return the median extent of the cells along x, y and z."""
     extents = [np.ptp(mesh.points[block.cells], axis=1) for block in mesh.blocks]
-    return np.asarray(np.median(np.concatenate([*extents, np.zeros((not extents, 3))]), axis=0))
+    return np.asarray(
+        np.median(np.concatenate([*extents, np.zeros((int(not extents), 3))]), axis=0)
+    )
 
 
 def _touched(mesh: VolumeMesh, nodes: Indices) -> NDArray[np.bool_]:
