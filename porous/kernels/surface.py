@@ -76,9 +76,9 @@ def _pack(fill, bits, first, last):
 
 
 @kernel
-def _count(bits, counts_of_case, counts, first, last):
+def _count(bits, counts_of_case, vertices, faces, first, last):
     """Count the vertices along x, y, z and the triangles of each row of cubes."""
-    rows = counts.shape[1]
+    rows = faces.shape[1]
     words = bits.shape[2]
     one = uint64(1)
     for i in range(first, last):
@@ -116,10 +116,10 @@ def _count(bits, counts_of_case, counts, first, last):
                         | ((d1 >> k) & one) << uint64(7)
                     )
                     triangles += counts_of_case[case]
-            counts[i, j, 0] = along_x
-            counts[i, j, 1] = along_y
-            counts[i, j, 2] = along_z
-            counts[i, j, 3] = triangles
+            vertices[i, j, 0] = along_x
+            vertices[i, j, 1] = along_y
+            vertices[i, j, 2] = along_z
+            faces[i, j] = triangles
 
 
 @kernel
@@ -235,18 +235,19 @@ def _triangles(bits, base, offset, table, counts_of_case, ids, triangles, first,
 
 
 @kernel
-def _caps(shape, points, triangles, offset, bits, counts_of_case, planes, labels, first, last):
+def _caps(fill, points, triangles, offset, bits, counts_of_case, planes, labels, first, last):
     """Label the triangles that lie on the faces of the frame, whose places are ``planes``.
 
     Only cubes at the border give such: across x and y those of the first and the last rows, across
     z the first and the last cube of each row.
     """
-    nx, ny, nz = shape
+    nx, ny, nz = fill.shape
     one = uint64(1)
     for i in range(first, last):
         for j in range(ny + 1):
             a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
-            for face in range(6):
+            border = i == 0 or i == nx or j == 0 or j == ny
+            for face in range(0 if border else 4, 6):
                 start, stop = offset[i, j], offset[i, j + 1]
                 if face < 4:
                     at = i if face < 2 else j
@@ -266,6 +267,13 @@ def _caps(shape, points, triangles, offset, bits, counts_of_case, planes, labels
                         stop = start + counts_of_case[case << one]
                     else:
                         start = stop - counts_of_case[case]
+                    if case == 0x55:
+                        # Mostly all four are wholly solid: then there is no need to look.
+                        z = int(voxel) - 1
+                        least = min(fill[i - 1, j - 1, z], fill[i - 1, j, z])
+                        if min(least, fill[i, j - 1, z], fill[i, j, z]) == 255:
+                            labels[start:stop] = face + 1
+                            continue
                 axis, plane = face >> 1, planes[face]
                 for t in range(start, stop):
                     if (
@@ -314,14 +322,16 @@ def marching_cubes(
     bits = np.zeros((nx + 2, ny + 2, (nz + 2 + 63) // 64), dtype=np.uint64)
     slabs(nx, size, lambda a, b: _pack(fill, bits, a, b), report(0))
 
-    counts = np.empty((nx + 1, ny + 1, 4), dtype=np.int64)
-    slabs(nx + 1, size, lambda a, b: _count(bits, counts_of_case, counts, a, b), report(1))
-    base, offset, vertices, faces = _offsets(counts)
+    vertices = np.empty((nx + 1, ny + 1, 3), dtype=np.int64)
+    faces = np.empty((nx + 1, ny + 1), dtype=np.int64)
+    slabs(nx + 1, size, lambda a, b: _count(bits, counts_of_case, vertices, faces, a, b), report(1))
+    base, offset = _offsets(vertices, faces)
 
-    needed = vertices * 24 + faces * 26
-    check_memory(needed, f"A surface of {faces} triangles", "Use fewer voxels or a lower level.")
-    points = np.empty((vertices, 3), dtype=np.float64)
-    triangles = np.empty((faces, 3), dtype=np.int64)
+    total = int(offset[-1, -1])
+    needed = int(vertices.sum()) * 24 + total * 26
+    check_memory(needed, f"A surface of {total} triangles", "Use fewer voxels or a lower level.")
+    points = np.empty((int(vertices.sum()), 3), dtype=np.float64)
+    triangles = np.empty((total, 3), dtype=np.int64)
     place = np.array([*origin, *spacing, *start], dtype=np.float64)
 
     def emit(a, b):
@@ -331,33 +341,30 @@ def marching_cubes(
 
     slabs(nx + 1, size, emit, report(2))
 
-    labels = np.zeros(faces, dtype=np.int16)
+    labels = np.zeros(total, dtype=np.int16)
     planes = np.array(
         [origin[a] + (start[a] + end) * spacing[a] for a in range(3) for end in (0, fill.shape[a])]
     )
 
     def label(a, b):
-        _caps(fill.shape, points, triangles, offset, bits, counts_of_case, planes, labels, a, b)
+        _caps(fill, points, triangles, offset, bits, counts_of_case, planes, labels, a, b)
 
     slabs(nx + 1, size, label)
     return points, triangles, labels
 
 
-def _offsets(counts):
-    """Return where each row's vertices (along x, y, z) and triangles begin, and how many.
+def _offsets(vertices, faces):
+    """Return where each row's vertices (along x, y, z) and its triangles begin.
 
     Triangles of row (i, j) end where ``offset[i, j + 1]`` says.
     """
-    rows, columns = counts.shape[:2]
+    rows, columns = faces.shape
     base = np.zeros((rows + 1, columns + 1, 3), dtype=np.int64)
-    ends = np.cumsum(counts[..., :3].ravel())
-    base[:-1, :-1] = (ends - counts[..., :3].ravel()).reshape(rows, columns, 3)
-    triangles = np.cumsum(counts[..., 3].ravel()).reshape(rows, columns)
-    offset = np.empty((rows, columns + 1), dtype=np.int64)
-    offset[:, 1:] = triangles
-    offset[1:, 0] = triangles[:-1, -1]
-    offset[0, 0] = 0
-    return base, offset, int(ends[-1]), int(triangles[-1, -1])
+    np.subtract(np.cumsum(vertices).reshape(vertices.shape), vertices, out=base[:-1, :-1])
+    offset = np.zeros((rows, columns + 1), dtype=np.int64)
+    offset[:, 1:] = np.cumsum(faces).reshape(faces.shape)
+    offset[1:, 0] = offset[:-1, -1]
+    return base, offset
 
 
 def _thirds(progress):
