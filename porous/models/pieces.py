@@ -90,7 +90,8 @@ class Pieces(Value):
         """Return the masks of a frame's voxels, uint64 of shape ``frame.shape``.
 
         Bit r · C + c is set where the pattern's point (r, c) lies in the union. Solids are closed
-        within 1e-6 of a voxel, so pieces that abut leave no gap.
+        within 1e-6 of a voxel, so pieces that abut leave no gap (but where a line along z only
+        grazes a mesh's outline).
         """
         return self._sampled(frame, pattern, self.offset, self.rounds)
 
