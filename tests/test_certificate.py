@@ -75,6 +75,15 @@ def test_without_a_closed_form_nothing_is_claimed(grid):
     assert verdicts(certificate)["components"] == "agree"
 
 
+def test_a_surface_that_lost_volume_differs_from_its_grid():
+    solid = np.random.default_rng(0).random((9, 10, 11)) < 0.3
+    grid = VoxelGrid.of_solid(solid, Frame((0, 0, 0), (1, 1, 1), solid.shape), sampling="fill")
+    certificate = certify(None, grid, extract_surface(grid))
+    assert row(certificate, "volume").verdict == "differ"
+    assert row(certificate, "volume").remedy.startswith("about ")
+    assert verdicts(certificate)["euler_number"] == "agree"
+
+
 def test_one_subject_alone_is_not_certified(grid):
     certificate = certify(None, grid)
     assert set(verdicts(certificate).values()) == {"unknown"}
@@ -106,6 +115,17 @@ def test_periodic_bodies_are_held_by_their_interface():
     assert area.surface == pytest.approx(108)
     assert row(certificate, "euler_number").surface is None
     assert row(certificate, "volume").verdict == "agree"
+
+
+def test_a_boundary_around_points_of_contact_is_that_of_the_closed_union():
+    model = build(load("mosely-light", set={"model.level": 2}))
+    grid, surface = voxelize(model, voxels=18), exact_surface(model)
+    rows = measure(model) + measure(grid) + measure(surface, model=model)
+    certificate = certify(model, grid, surface, measures=rows)
+    assert set(verdicts(certificate).values()) - {"unknown"} == {"agree"}
+    six, all26 = row(certificate, "euler_number"), row(certificate, "euler_number_26")
+    assert (six.model, six.grid, six.surface) == (-132, -132, None)
+    assert (all26.model, all26.grid, all26.surface) == (12, 12, 12)
 
 
 def test_nothing_to_certify():

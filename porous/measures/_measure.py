@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from porous.measures import _pores, _porosity, _surface_area, _topology
@@ -94,6 +95,8 @@ def _surface_rows(
             surface, volume_doubt=doubts[0], area_doubt=doubts[1], periodic=periodic
         )
     rows = {name: row(census) for (name, _), row in SURFACE.items()}
+    if census.method == EXACT and model is not None:
+        rows = _by_convention(rows, model)
     yield from _told(rows, periodic)
     bulk = _bulk_volume(model, grid)
     if bulk is not None:
@@ -114,6 +117,19 @@ def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: VoxelGrid | None) ->
     bulk = _bulk_volume(model, grid)
     if bulk is not None:
         yield from of_bulk(rows["volume"], None, bulk)
+
+
+def _by_convention(rows: Mapping[str, Measure], model: Model) -> dict[str, Measure]:
+    """Name the topology of an exact boundary by the convention whose closed form it has.
+
+    Where solids meet in a point, the boundary goes around both: it is that of the closed union.
+    """
+    known = {row.name: row.value for row in model_rows(model, (False, False, False))}
+    found = rows["euler_number"].value
+    if found == known.get("euler_number", found) or found != known.get("euler_number_26"):
+        return dict(rows)
+    names = {name: f"{name}_26" if f"{name}_26" in TOPOLOGY else name for name in rows}
+    return {names[name]: replace(row, name=names[name]) for name, row in rows.items()}
 
 
 def _told(rows: Mapping[str, Measure], periodic: Axes) -> Iterator[Measure]:
