@@ -285,8 +285,9 @@ class _Work:
     def certify(self) -> None:
         from porous.certificate import certify
 
+        things = (self.model, self.grid, self.surface, self.volume)
         self.certificate = self._timed(
-            "certificate", lambda _: certify(self.model, self.grid, self.surface, self.volume)
+            "certificate", lambda _: certify(*things, measures=self.measures)
         )
 
     def result(self) -> Result:
