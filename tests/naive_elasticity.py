@@ -6,7 +6,7 @@ from skfem.helpers import ddot, div, sym_grad
 
 
 def energy(job):
-    """Return the strain energy of a job's step, in the mesh's own unit, and the load along z.
+    """Return the strain energy of a job's step, in the mesh's own unit, and the reaction (3,).
 
     Tetrahedra are linear. Hexahedra are trilinear with the dilatation averaged over each cell
     (B-bar, Hughes 1980), as CalculiX has them: for boxes that is its value at the centre.
@@ -36,21 +36,20 @@ def energy(job):
     centre = skfem.Basis(m, skfem.ElementVector(element), intorder=1)
     K = deviatoric.assemble(full) + volumetric.assemble(centre)
     f = np.zeros(K.shape[0])
-    for face in loaded(job):
-        nodes, area = face
-        f[3 * nodes + 2] -= job.step.pressure * area / len(nodes)
+    for nodes, area in loaded(job):
+        for axis in range(3):
+            f[3 * nodes + axis] -= job.step.pressure * area[axis] / len(nodes)
     held = (3 * mesh.parts[job.step.fixed].members[:, None] + np.arange(3)).ravel()
     u = skfem.solve(*skfem.condense(K, f, D=held))
-    return 0.5 * u @ f, -f.sum()
+    return 0.5 * u @ f, -f.reshape(-1, 3).sum(axis=0)
 
 
 def loaded(job):
-    """Yield the nodes and the area of each loaded face (triangles, or rectangles)."""
+    """Yield the nodes and the outward area vector of each loaded triangle or rectangle."""
     from porous.values import SHAPES
 
     block = job.mesh.blocks[0]
     for cell, local in job.mesh.parts[job.step.loaded].members:
         nodes = block.cells[cell][list(SHAPES[block.shape].faces[local])]
         p = job.mesh.points[nodes]
-        normal = np.cross(p[1] - p[0], p[2] - p[0])
-        yield nodes, np.linalg.norm(normal) * (0.5 if len(nodes) == 3 else 1.0)
+        yield nodes, np.cross(p[1] - p[0], p[2] - p[0]) * (0.5 if len(nodes) == 3 else 1.0)
