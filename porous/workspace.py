@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import platform
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +13,7 @@ from porous import disk, pipeline
 from porous.recipe import dump, files, with_files
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from porous.pipeline import Progress, Result
     from porous.recipe import Recipe
@@ -33,8 +32,6 @@ KNOWN = (
     "log.json",
 )
 """What else a folder may hold; what a new run does not write would belong to another recipe."""
-
-PACKAGES = ("porous", "numpy", "scipy", "numba", "manifold3d", "pytetwild", "pyvista")
 
 
 def make(
@@ -149,16 +146,13 @@ def _report(result: Result, path: Path, progress: Progress | None) -> None:
 
 
 def _log(result: Result) -> dict[str, Any]:
+    from porous.report import versions
+
     return {
         "times": {stage: round(seconds, 3) for stage, seconds in result.times.items()},
-        "versions": {"python": platform.python_version(), **_versions(PACKAGES)},
-        "platform": platform.platform(),
+        "versions": versions(),
         "notes": list(result.notes),
     }
-
-
-def _versions(packages: Iterable[str]) -> dict[str, str]:
-    return {package: version(package) for package in packages}
 
 
 def rendered(record: dict[str, Any]) -> str:

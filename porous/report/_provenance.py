@@ -59,7 +59,7 @@ def title_of(result: Result) -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python, of this platform and of the packages that compute."""
-    there = {"Python": platform.python_version(), "platform": platform.platform()}
+    there = {"python": platform.python_version(), "platform": platform.platform()}
     for package in PACKAGES:
         try:
             there[package] = version(package)
