@@ -120,10 +120,11 @@ def test_the_grids_own_certificates_are_added():
 # --- prefractals ---------------------------------------------------------------------------
 
 
-def menger(level, voxels=81):
+def menger(level, voxels=81, *, primitive="cube", sampling="centre"):
     corners = [(i, j, k) for i in range(3) for j in range(3) for k in range(3)]
     maps = [(np.eye(3) / 3, np.array(d) / 3) for d in corners if d.count(1) < 2]
-    return voxelize(ifs(maps, level=level), voxels=voxels, sampling="centre")
+    model = ifs(maps, level=level, primitive=primitive)
+    return voxelize(model, voxels=voxels, sampling=sampling)
 
 
 def test_menger_prefractals_close_in_as_the_theorem_says():
@@ -135,6 +136,20 @@ def test_menger_prefractals_close_in_as_the_theorem_says():
         assert low <= math.sqrt(2) / 6 * 3.0**-level <= high
     to_last = [hausdorff_distance(grid, grids[-1]).value for grid in grids]
     assert all(a > 2 * b for a, b in pairwise(to_last) if b > 0)
+
+
+@pytest.mark.parametrize("primitive", ["tetrahedron", "ball"])
+def test_the_initial_shape_does_not_matter(primitive):
+    # d(Fⁿ(K), Fⁿ(K')) ≤ 3^−n d(K, K'), and the cube's corners are this far from the other shape.
+    apart = {"tetrahedron": 1 / math.sqrt(3), "ball": math.sqrt(3) / 2 - 0.5}[primitive]
+    for level in range(4):
+        pair = [
+            menger(level, voxels=54, primitive=p, sampling="cover") for p in ("cube", primitive)
+        ]
+        low, high = spans(hausdorff_distance(*pair))
+        assert low <= apart * 3.0**-level
+        if level == 0:
+            assert apart <= high
 
 
 def test_grids_obey_the_triangle_inequality():

@@ -169,18 +169,14 @@ def _scan(mask, first, last, offsets, starts, stops):
 
 
 @kernel
-def _root(parent, run):
-    while parent[run] != run:
-        parent[run] = parent[parent[run]]
-        run = parent[run]
-    return run
-
-
-@kernel
 def _join(parent, a, b):
-    """Join two runs' components; the smaller root stays root."""
-    a = _root(parent, a)
-    b = _root(parent, b)
+    """Join two runs' components; the smaller root stays root, paths are halved on the way."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    while parent[b] != b:
+        parent[b] = parent[parent[b]]
+        b = parent[b]
     if a < b:
         parent[b] = a
     else:

@@ -76,19 +76,17 @@ def tile_fills(
 
 
 @kernel
-def _sharp(one, other):
-    """Return how often 0 meets 255 between two rows."""
-    count = 0
+def _sharp(one, other, counts):
+    """Return how often 0 meets 255 between two rows; add 1 to ``counts`` there, if it has room."""
+    total = 0
     for k in range(len(one)):
-        count += np.int64((one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0))
-    return count
-
-
-@kernel
-def _tally(one, other, counts):
-    """Add 1 wherever 0 meets 255 between two rows."""
-    for k in range(len(one)):
-        counts[k] += np.int64((one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0))
+        total += np.int64((one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0))
+    if total and len(counts):
+        for k in range(len(one)):
+            counts[k] += np.int64(
+                (one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0)
+            )
+    return total
 
 
 @kernel
@@ -96,17 +94,18 @@ def _survey(fill, bulk, ends, wraps, void, histogram, jumps):
     """Add the voxels between ``ends`` to the histogram and their sharp faces to ``jumps``."""
     nx, ny, nz = fill.shape
     a, b = ends[0, 2], ends[1, 2]
+    none = jumps[0, :0]
     for i in range(ends[0, 0], ends[1, 0]):
         for j in range(ends[0, 1], ends[1, 1]):
             row = fill[i, j, a:b]
             left = void[a:b] if i == 0 and not wraps[0] else fill[i - 1, j, a:b]
             front = void[a:b] if j == 0 and not wraps[1] else fill[i, j - 1, a:b]
-            jumps[0, i] += _sharp(row, left)
-            jumps[1, j] += _sharp(row, front)
+            jumps[0, i] += _sharp(row, left, none)
+            jumps[1, j] += _sharp(row, front, none)
             if i == nx - 1 and not wraps[0]:
-                jumps[0, nx] += _sharp(row, void[a:b])
+                jumps[0, nx] += _sharp(row, void[a:b], none)
             if j == ny - 1 and not wraps[1]:
-                jumps[1, ny] += _sharp(row, void[a:b])
+                jumps[1, ny] += _sharp(row, void[a:b], none)
             below = row[:1]
             if a > 0:
                 below = fill[i, j, a - 1 : a]
@@ -114,10 +113,10 @@ def _survey(fill, bulk, ends, wraps, void, histogram, jumps):
                 below = fill[i, j, nz - 1 :]
             else:
                 below = void[:1]
-            jumps[2, a] += _sharp(row[:1], below)
-            _tally(row[1:], row[:-1], jumps[2, a + 1 : b])
+            jumps[2, a] += _sharp(row[:1], below, none)
+            _sharp(row[1:], row[:-1], jumps[2, a + 1 : b])
             if b == nz and not wraps[2]:
-                jumps[2, nz] += _sharp(row[-1:], void[:1])
+                jumps[2, nz] += _sharp(row[-1:], void[:1], none)
             if len(bulk):
                 for k in range(b - a):
                     histogram[row[k], bulk[i, j, a + k]] += 1
