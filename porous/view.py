@@ -167,7 +167,7 @@ def _render(scene: str, image: str | None) -> None:
     plotter.add_axes()
     plotter.view_vector(FROM)
     plotter.camera.zoom(1.05)
-    plotter.enable_ssao(radius=length / 8, bias=length / 1000, kernel_size=64)
+    plotter.enable_ssao(radius=length / 8, bias=length / 1000, kernel_size=32)
     plotter.enable_anti_aliasing("ssaa")
     plotter.show(screenshot=image or False, auto_close=True)
 
