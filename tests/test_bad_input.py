@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import resource
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -76,13 +76,19 @@ SETTINGS = {
     "seed below zero": ("seed=-1", "seed: got -1; wanted"),
     "title is a number": ("title=3", "title: got 3; wanted"),
     "title is a table": ("title.de=x", 'title: got { de = "x" }; wanted'),
-    "expectation without tolerance": ("expect.porosity.value=1.0", "expect.porosity"),
+    "expectation without tolerance": (
+        "expect.volume.value=1.0",
+        "expect.volume.tolerance: got nothing",
+    ),
     "no value": ("model.level", "wanted path=VALUE"),
     "no path": ("=3", "wanted path=VALUE"),
     "empty step": ("model..level=3", "empty key"),
     "empty value": ("model.level=", "wanted a TOML value"),
     "value of two words": ("title=a b", "not TOML"),
-    "map out of range": ("model.digits.keep.99=[0, 0, 0]", "model.digits.keep: got .*99.*; wanted a list"),
+    "map out of range": (
+        "model.digits.keep.99=[0, 0, 0]",
+        "model.digits.keep: got .*99.*; wanted a list",
+    ),
 }
 """What ``porous make menger --set …`` is told, and words of the answer; exit code 2."""
 
@@ -258,8 +264,6 @@ def test_a_primitive_with_a_hole(hole, folder, capsys):
         for corner in corners
     )
     (folder / "part.stl").write_text(f"solid part\n{facets}endsolid part\n")
-    argv = ["make", "menger", "-o", "out", "--set", 'model.primitive={ mesh = "part.stl" }']
-    argv += ["--only", "model"]
     (folder / "it.toml").write_text(CUBE + 'primitive = { mesh = "part.stl" }\n', encoding="utf-8")
     refuse(folder, capsys, ["make", "it.toml", "-o", "out"], 2, "part.stl|surface|triangle")
 
@@ -276,17 +280,14 @@ def porous(*argv: str, folder: Path, **how) -> subprocess.Popen:
     )
 
 
-def children_of(group: int) -> list[int]:
-    """Return the processes whose parents, near or far, were started in a session."""
+def still_running(mark: str) -> list[str]:
+    """Return the command lines of processes that carry a mark in their environment."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(fields[3]) == group:
-                found.append(int(entry.name))
+            with contextlib.suppress(OSError):
+                if mark.encode() in (entry / "environ").read_bytes():
+                    found.append((entry / "cmdline").read_text())
     return found
 
 
@@ -297,17 +298,21 @@ def test_an_interrupt_halfway_leaves_nothing(stage, stop, folder):
     before = contents(folder)
     argv = ["make", "menger", "-o", "new/out", "--voxels", "200", "--set", "model.level=3"]
     argv += ["--set", "surface.method=marching-cubes", "--set", "volume.method=tetwild"]
-    process = porous(*argv, folder=folder, start_new_session=True)
+    mark = f"POROUS_TEST={os.getpid()}-{stage}-{stop}"
+    environment = dict([*os.environ.items(), mark.split("=")])
+    process = porous(*argv, folder=folder, env=environment)
     assert process.stderr is not None
     for line in process.stderr:
         if line.startswith(f"{stage}:"):
             break
-    time.sleep(0.3)
+    time.sleep(0.5 if stage == "surface" else 0.02)
+    running = still_running(mark)
     process.send_signal(stop)
     _, err = process.communicate(timeout=60)
     assert process.returncode == (130 if stop == signal.SIGINT else 143)
     assert "Traceback" not in err
-    assert children_of(process.pid) == []
+    assert any("tetwild" in line for line in running) or stage != "surface"
+    assert still_running(mark) == []
     assert contents(folder) == before
 
 
@@ -325,10 +330,7 @@ def test_a_full_disk(limit, folder):
     process = porous(*argv, folder=folder, env=environment, preexec_fn=shrink)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 1, err
-    last = err.splitlines()[-1]
-    assert re.match(
-        r"porous: new/out/?\S* ?cannot be written: file too large", last.replace(":", "", 0)
-    ) or ("cannot be written" in last)
+    assert re.match(r"porous: new/out.*: cannot be written", err.splitlines()[-1])
     assert contents(folder) == before
 
 
@@ -343,8 +345,7 @@ def test_a_failed_run_keeps_the_folder_of_the_last_one(folder, capsys):
 def test_a_reader_that_goes_away_is_no_error(folder):
     process = porous("list", folder=folder)
     assert process.stdout is not None
-    assert process.stderr is not None
     process.stdout.close()
-    threading.Event().wait(0.1)
-    assert process.stderr.read() == ""
-    assert process.wait(timeout=30) == 0
+    _, err = process.communicate(timeout=30)
+    assert err == ""
+    assert process.returncode == 0

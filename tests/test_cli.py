@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -12,10 +13,22 @@ import pytest
 
 from porous import presets
 from porous.cli import main
+from porous.errors import ViewError
 from porous.recipe import dump, load
 from porous.workspace import LAST
 
 FAST = ["--set", "model.level=1", "--voxels", "9", "--set", "volume.method=voxel-hex"]
+FAST += ["--set", "surface.method=marching-cubes"]
+
+
+@pytest.fixture(autouse=True)
+def no_picture(monkeypatch):
+    """Draw no pictures: that takes seconds, and the report is tested elsewhere."""
+
+    def refuse(*_, **__):
+        raise ViewError("not now")
+
+    monkeypatch.setattr("porous.report._report.picture", refuse)
 
 
 def test_help_comes_at_once_and_names_every_command():
@@ -144,8 +157,6 @@ def test_memory_that_may_be_taken_is_given_back(capsys, tmp_path, monkeypatch):
     argv = ["make", "menger", "-o", str(tmp_path / "out"), "--max-memory", "1K", *FAST]
     assert main(argv) == 2
     assert "1 KiB" in capsys.readouterr().err
-    import os
-
     assert os.environ["POROUS_MAX_MEMORY"] == "3G"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from porous import disk
-from porous.errors import DiskError, ModelError
+from porous.errors import DiskError, ModelError, ViewError
 from porous.formats import read
 from porous.recipe import load
 from porous.workspace import KNOWN, LAST, make
@@ -24,6 +24,16 @@ ALL = {
     "report.html",
     "log.json",
 }
+
+
+@pytest.fixture(autouse=True)
+def no_picture(monkeypatch):
+    """Draw no pictures: that takes seconds, and the report is tested elsewhere."""
+
+    def refuse(*_, **__):
+        raise ViewError("not now")
+
+    monkeypatch.setattr("porous.report._report.picture", refuse)
 
 
 def names(folder: Path) -> set[str]:
