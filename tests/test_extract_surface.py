@@ -214,14 +214,15 @@ def test_cap_areas_of_a_full_frame():
         assert found == pytest.approx(wanted, rel=1e-12)
 
 
-def test_random_caps_are_the_triangles_on_the_frame():
+@pytest.mark.parametrize("shape", [SHAPE, (5, 6, 1), (1, 4, 7), (6, 1, 65)])
+def test_random_caps_are_the_triangles_on_the_frame(shape):
     rng = np.random.default_rng(8)
-    fill = rng.choice([0, 128, 254, 255, 255, 255], SHAPE)
+    fill = rng.choice([0, 128, 254, *[255] * 9], shape)
     surface = extract_surface(grid_of(fill))
-    assert set(surface.labels) == set(range(7))
+    assert len(set(surface.labels)) > 2
     for face in range(6):
         axis, side = divmod(face, 2)
-        plane = SHAPE[axis] if side else 0
+        plane = shape[axis] if side else 0
         on_it = (np.abs(surface.corners[:, :, axis] - plane) < 1e-9).all(axis=1)
         assert np.array_equal(surface.labels == face + 1, on_it)
 
