@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from porous.pipeline import Result
     from porous.recipe import Recipe
-    from porous.values import Measure, Measures
+    from porous.values import Measures
 
 app = App(
     name="porous",
@@ -38,6 +38,8 @@ app = App(
     suppress_keyboard_interrupt=False,
     help_format="plaintext",
 )
+
+CLOSED = "closed form"
 
 Source = Annotated[str, Parameter(help="A preset's name, or a path to a recipe (TOML).")]
 Values = Annotated[
@@ -118,7 +120,7 @@ def make(
     if as_json:
         print((out / workspace.LAST).read_text(encoding="utf-8"), end="")
         return
-    _print_result(made)
+    _print_result(made, every=False)
     print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
 
 
@@ -150,7 +152,7 @@ def measure(
     if as_json:
         print(workspace.rendered(workspace.record(result)), end="")
         return
-    _print_result(result)
+    _print_result(result, every=True)
 
 
 def _is_recipe(source: str) -> bool:
@@ -220,9 +222,8 @@ def models() -> None:
     """List the kinds of models that a recipe may have."""
     from porous.recipe import sections
 
-    _print_columns(
-        [(kind, (section.__doc__ or "").split("\n")[0]) for kind, section in sections().items()]
-    )
+    told = {kind: sys.modules[part.__module__].__doc__ or "" for kind, part in sections().items()}
+    _print_columns([(kind, text.splitlines()[0]) for kind, text in told.items()])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -258,7 +259,7 @@ def _verdict(error: BaseException) -> tuple[int, str]:
     if isinstance(error, PorousError):
         return error.exit_code, str(error)
     if isinstance(error, CycloptsError):
-        return 2, f"{error}; see: porous --help"
+        return 2, f"{str(error).rstrip('.')}; see: porous --help"
     if isinstance(error, KeyboardInterrupt):
         return 130, "interrupted; nothing was written"
     if isinstance(error, MemoryError):
@@ -374,31 +375,29 @@ class _Progress:
                 print(f"{stage}: {now - begin:.1f} s", file=sys.stderr, flush=True)
 
 
-def _print_result(result: Result) -> None:
-    _print_measures(result.measures)
+def _print_result(result: Result, *, every: bool) -> None:
+    _print_measures(result.measures, every=every)
     for note in result.notes:
         print(f"note: {note}")
     if result.certificate is not None:
         print(result.certificate)
 
 
-def _print_measures(measures: Measures) -> None:
-    """Print what was measured, with the closed form beside it where there is one."""
-    exact = {row.name: row for row in measures if row.method == "closed form"}
-    rows = [("measure", "value", "", "unit", "method", "of", "closed form")]
-    measured = {row.name for row in measures if row.method != "closed form"}
-    for row in measures:
-        if row.name in measured and row.method == "closed form":
-            continue
-        known = exact.get(row.name)
-        beside = _number(known.value) if known is not None and known is not row else ""
-        unit = "" if row.unit == "1" else row.unit
-        rows.append((row.name, _number(row.value), _spread(row), unit, row.method, row.of, beside))
-    _print_columns(rows)
-
-
-def _spread(row: Measure) -> str:
-    return "exact" if row.kind == "exact" else f"± {row.uncertainty:.2g}"
+def _print_measures(measures: Measures, *, every: bool) -> None:
+    """Print what was measured, the best row of each or every one, closed forms beside it."""
+    known = {row.name: row for row in measures if row.method == CLOSED}
+    lines = [("measure", "value", "", "unit", "method", "of", CLOSED)]
+    for name in measures.names:
+        rows = [row for row in measures.all(name) if row.method != CLOSED]
+        if not rows:
+            rows = [known[name]]
+        elif not every:
+            rows = [type(measures)(tuple(rows))[name]]
+        beside = _number(known[name].value) if name in known else ""
+        for row in rows:
+            unit = "" if row.unit == "1" else row.unit
+            lines.append((name, _number(row.value), row.spread, unit, row.method, row.of, beside))
+    _print_columns(lines)
 
 
 def _number(value: float) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -272,15 +271,26 @@ class _Work:
 
         # What the surface and the mesh were made from says how far off their numbers may be.
         came = {"model": self.model} if self.is_exact else {"grid": self.grid}
-        for subject, source in (
-            (self.model, {"grid": self.grid}),
-            (self.grid, {}),
-            (self.surface, came),
-            (self.volume, came if self.is_tetrahedra else {"grid": self.grid}),
-        ):
-            if subject is not None:
-                take = partial(measure, subject, **source)
-                self.measures += self._timed("measures", lambda _, take=take: take())
+        tasks = [
+            (subject, source)
+            for subject, source in (
+                (self.model, {"grid": self.grid}),
+                (self.grid, {}),
+                (self.surface, came),
+                (self.volume, came if self.is_tetrahedra else {"grid": self.grid}),
+            )
+            if subject is not None
+        ]
+
+        def take(progress: Progress | None) -> Measures:
+            taken = Measures()
+            for index, (subject, source) in enumerate(tasks):
+                if progress is not None:
+                    progress("measures", index / len(tasks))
+                taken += measure(subject, **source)
+            return taken
+
+        self.measures = self._timed("measures", take)
 
     def certify(self) -> None:
         from porous.certificate import certify
@@ -319,7 +329,12 @@ class _Work:
     def _timed(self, stage: str, step: Callable[[Progress | None], T]) -> T:
         """Run one stage on the clock; what it reports is reported under the stage's name."""
         report = self.progress
-        inner = None if report is None else lambda _, done: report(stage, min(done, 0.999))
+
+        def inside(_: str, done: float) -> None:
+            assert report is not None
+            report(stage, min(done, 0.999))
+
+        inner = None if report is None else inside
         if report is not None:
             report(stage, 0.0)
         begin = time.perf_counter()
