@@ -206,8 +206,11 @@ def _remedy(check: Check, rows: dict[str, Measure], voxels: int | None, *, exact
         return 'surface.method = "exact" takes the boundary from the model, without voxels' + (
             f"; or {_finer(check, rows, voxels)}" if voxels else ""
         )
-    if any(row.method == "exact boundary" for row in made) or not voxels:
-        return "the volume mesh departs from its surface: wanted a shorter volume.edge_length"
+    tetrahedra = any(row.method == "tetrahedra" for row in made)
+    if tetrahedra and any(row.method == "exact boundary" for row in made):
+        return "the tetrahedra depart from their surface: wanted a shorter volume.edge_length"
+    if not voxels:
+        return "wanted more voxels, or a shorter volume.edge_length"
     return _finer(check, rows, voxels)
 
 
@@ -219,7 +222,8 @@ def _finer(check: Check, rows: dict[str, Measure], voxels: int) -> str:
         )
     reference = _reference(list(rows.values()))
     gap = max(abs(row.value - reference.value) for row in rows.values())
-    factor = (gap / check.tolerance) ** (1 / ORDERS[check.quantity])
+    whole = any(row.method == "hexahedra" for row in rows.values())  # whole voxels: first order
+    factor = (gap / check.tolerance) ** (1.0 if whole else 1 / ORDERS[check.quantity])
     needed = math.ceil(voxels * max(factor, 1.2))
     return f"about {needed} voxels along the longest edge would be within {check.tolerance:.2g}"
 

@@ -148,12 +148,22 @@ def test_what_a_model_tells():
     assert table["smallest_feature"].value == pytest.approx(1 / 3)
     assert table["smallest_pore"].value == pytest.approx(1 / 3)
     assert table["similarity_dimension"].value == pytest.approx(math.log(20) / math.log(3))
-    assert table["affinity_dimension"].kind == "bound"
+    assert table["affinity_dimension"].value == table["similarity_dimension"].value
     assert {row.of for row in table} == {"model"}
     assert measures.smallest_feature(model) == table["smallest_feature"]
     assert measures.smallest_pore(model) == table["smallest_pore"]
     assert measures.similarity_dimension(model) == table["similarity_dimension"]
     assert measures.affinity_dimension(model) == table["affinity_dimension"]
+
+
+def test_what_is_known_of_maps_that_are_no_similarities_are_bounds():
+    halves = (np.diag([1 / 2, 1 / 3, 1 / 2]), np.zeros(3))
+    other = (np.diag([1 / 2, 1 / 3, 1 / 2]), np.array([1 / 2, 2 / 3, 1 / 2]))
+    table = measure(ifs([halves, other], level=2))
+    assert "similarity_dimension" not in table
+    assert table["affinity_dimension"].spread == "at most"
+    assert table["smallest_feature"].value == pytest.approx(1 / 9)
+    assert table["smallest_feature"].spread == "at least"
 
 
 def test_closed_forms_follow_the_grids_periodicity():

@@ -241,10 +241,10 @@ def test_open_and_closed_add_up_to_the_porosity_by_count(seed):
     bulk = np.full((9, 8, 7), 255, np.uint8)
     bulk[:, 6:] = 0
     grid = random_grid((9, 8, 7), seed, density=0.55 + 0.06 * seed, bulk=bulk if seed % 2 else None)
-    total = measures.porosity(grid, method="voxel count").value
+    total = measures.porosity(grid, method="voxel count")
     parts = measures.open_porosity(grid), measures.closed_porosity(grid)
-    assert parts[0].value + parts[1].value == pytest.approx(total, abs=1e-15)
-    assert parts[0].uncertainty == pytest.approx(parts[1].uncertainty, abs=1e-15)
+    assert parts[0].value + parts[1].value == pytest.approx(total.value, abs=1e-15)
+    assert parts[0].uncertainty + parts[1].uncertainty >= total.uncertainty
 
 
 def block(shape=(5, 6, 7), periodic=(False, False, False)):
@@ -271,7 +271,9 @@ def test_pores_that_meet_in_an_edge_are_open_and_uncertain():
     fill[0, 2, 3] = fill[1, 3, 3] = 0
     row = measures.open_porosity(VoxelGrid(frame, fill))
     assert row.value == 2 / 210
-    assert row.uncertainty == pytest.approx(1 / 210)
+    # All pores are open, so the doubt about the porosity itself comes on top of the edge's.
+    sampled = measures.porosity(VoxelGrid(frame, fill), method="voxel count").uncertainty
+    assert row.uncertainty == pytest.approx(1 / 210 + sampled)
 
 
 def test_a_straight_channel_goes_on_along_a_periodic_axis():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from porous.errors import ModelError
@@ -52,10 +53,21 @@ def _exact(name: str, value: float | None, unit: str) -> Measure | None:
     return None if value is None else Measure(name, value, unit, METHOD, 0.0, "exact", "model")
 
 
+def _similar(model: Model) -> bool:
+    """Tell whether all maps are similarities, or the model is not made of maps."""
+    from porous.models import dimension
+
+    return not isinstance(model, _HasAutomaton) or dimension.ratios(model.automaton) is not None
+
+
 def _feature(model: Model) -> Measure | None:
     if not isinstance(model, _HasDetails):
         return None
-    return _exact("smallest_feature", model.smallest_feature(), model.unit)
+    value = model.smallest_feature()
+    if value is None or _similar(model):
+        return _exact("smallest_feature", value, model.unit)
+    # σ_min(A_w)·t₀: the cell may be thicker, where its map shrinks most across another direction.
+    return Measure("smallest_feature", value, model.unit, "lower bound", value, "bound", "model")
 
 
 def _pore(model: Model) -> Measure | None:
@@ -79,6 +91,9 @@ def _affinity(model: Model) -> Measure | None:
 
     if not isinstance(model, _HasAutomaton):
         return None
+    if _similar(model):
+        similarity = _similarity(model)  # each s_k is then the root of Σ ratioˢ = 1 itself
+        return similarity and replace(similarity, name="affinity_dimension")
     value = dimension.affinity_dimension(model.automaton)
     if not math.isfinite(value):
         return None

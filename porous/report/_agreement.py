@@ -96,17 +96,11 @@ def _row(measure: Measure, best: Measure | None) -> Row:
         value=number(measure.value),
         exactly=repr(measure.value),
         unit="" if measure.unit == "1" else measure.unit,
-        uncertainty=_uncertainty(measure),
+        uncertainty=measure.spread,
         kind=measure.kind,
         mark=mark,
         agrees=fine,
     )
-
-
-def _uncertainty(measure: Measure) -> str:
-    if measure.kind == "exact":
-        return "0"
-    return f"± {measure.uncertainty:.2g}" if math.isfinite(measure.uncertainty) else "not known"
 
 
 def _gap(best: Measure, other: Measure) -> str:

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from porous.report._agreement import conflicts, half_width, number
+from porous.values.measure import ONE_SIDED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,9 +19,6 @@ FEW = 3
 
 NOTEWORTHY = 0.01
 """Relative half-width from which a best number is said to be uncertain."""
-
-ONE_SIDED = ("upper bound",)
-"""Methods that say how much a quantity is at most, and no more."""
 
 
 def doubts(result: Result) -> tuple[str, ...]:
@@ -55,7 +53,7 @@ def _of_spread(result: Result) -> Iterator[str]:
         if math.isnan(row.value):
             yield f"{name} is not defined for this body ({row.method})."
         elif row.method in ONE_SIDED:
-            yield f"{name} is at most {number(row.value)}; how much less is not known."
+            yield f"{name} is {row.spread} {number(row.value)}; how far off is not known."
         elif not half_width(row) <= NOTEWORTHY * abs(row.value):
             yield (
                 f"{name} is {_shown(row)}: the best there is ({row.method}) leaves "

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 KINDS = ("exact", "bound", "standard")
+ONE_SIDED = {"upper bound": "at most", "lower bound": "at least"}
+"""Methods whose value is itself the bound."""
+
 SUBJECTS = ("model", "grid", "surface", "volume")
 
 
@@ -60,12 +63,19 @@ class Measure(Value):
                 f"uncertainty: got {self.uncertainty}; an exact number has no uncertainty"
             )
 
+    @property
+    def spread(self) -> str:
+        """How far off it may be, for people: exact, ± 0.01, at most, at least, not known."""
+        if self.kind == "exact":
+            return "exact"
+        if self.method in ONE_SIDED:
+            return ONE_SIDED[self.method]
+        return f"± {self.uncertainty:.2g}" if math.isfinite(self.uncertainty) else "not known"
+
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
-        mark = {"exact": "exact", "bound": f"± {self.uncertainty:.2g} bound"}.get(
-            self.kind, f"± {self.uncertainty:.2g}"
-        )
-        return f"{self.name} = {self.value:.6g}{unit} ({self.method}, {mark})"
+        bound = " bound" if self.spread.startswith("±") and self.kind == "bound" else ""
+        return f"{self.name} = {self.value:.6g}{unit} ({self.method}, {self.spread}{bound})"
 
 
 @dataclass(frozen=True, eq=False)
