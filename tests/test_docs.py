@@ -9,6 +9,7 @@ import pytest
 
 from porous import measures as known
 from porous.measures import finest_printable_level, hausdorff_distance, measure
+from porous.models.ifs import ifs
 from porous.recipe import build, load
 from porous.stages import exact_surface, extract_surface, hexahedralize, voxelize
 from porous.values import Block, VolumeMesh
@@ -16,6 +17,7 @@ from porous.values.measure import ORDER
 
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"fold", "measure", "tiles_of"}
+UNEQUAL = [(np.diag([1 / 2, 1 / 3, 1 / 2]), np.full(3, shift)) for shift in (0.0, 0.5)]
 TETRAHEDRON = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5.0]])
 
 
@@ -41,7 +43,7 @@ def taken():
     )
     rows = [*measure(model), *measure(grid), *measure(skin, model=model)]
     rows += [*measure(rough, grid=grid), *measure(hexes, grid=grid), *measure(tets, model=model)]
-    rows += [*measure(both)]
+    rows += [*measure(both), *measure(ifs(UNEQUAL, level=1, unit="cm"))]
     rows += [finest_printable_level(model, feature=0.1)]
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]
     return rows
