@@ -6,6 +6,7 @@ known one. The ``[model]`` section belongs to the file in ``porous/models`` that
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import hashlib
 import importlib
@@ -224,7 +225,7 @@ def parse(table: Mapping[str, Any], *, name: str = "recipe", folder: Path | None
     if not isinstance(content.get("model"), dict):
         raise RecipeError(f"{name}: model: got {_got(content, ('model',))}; wanted a table [model]")
     section = section_of(content["model"], name)
-    _resolve_files(content["model"], section, folder or Path())
+    _resolve_files(content["model"], section, folder or Path(), name, "model")
     content["model"] = _validated(section, content["model"], name, ("model",))
     recipe = _validated(Recipe, content, name, ())
     assert isinstance(recipe, Recipe)
@@ -349,22 +350,26 @@ def assignment(text: str) -> tuple[str, object]:
     return path.strip(), parse_value(value.strip(), f"--set {path.strip()}")
 
 
-def _resolve_files(table: Any, section: type[BaseModel], folder: Path) -> None:
+def _resolve_files(
+    table: Any, section: type[BaseModel], folder: Path, name: str, path: str
+) -> None:
     """Make the paths in a table whole: relative to the recipe, else to the presets."""
     if not isinstance(table, dict):
         return
     for key, value in table.items():
         field = section.model_fields.get(key)
         for part in _models_in(field.annotation if field else None):
-            _resolve_files(value, part, folder)
+            _resolve_files(value, part, folder, name, f"{path}.{key}")
         if field is not None and field.annotation is Path and isinstance(value, str):
-            table[key] = _resolved(value, folder)
+            table[key] = str(_resolved(value, folder, f"{name}: {path}.{key}"))
 
 
-def _resolved(value: str, folder: Path) -> str:
-    places = (folder / value, presets.folder() / value)
-    place = next((path for path in places if path.exists()), places[0])
-    return str(place.resolve())
+def _resolved(value: str, folder: Path, where: str) -> Path:
+    for place in (folder / value, presets.folder() / value):
+        with contextlib.suppress(OSError, ValueError):  # a name too long, a null character
+            if place.is_file():
+                return place.resolve()
+    raise RecipeError(f"{where}: got {shown(value)}; wanted a file, relative to the recipe")
 
 
 def files(recipe: Recipe) -> dict[str, Path]:

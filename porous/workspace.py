@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from porous import disk, pipeline
+from porous.errors import FormatError
 from porous.recipe import dump, files, with_files
 
 if TYPE_CHECKING:
@@ -113,9 +114,16 @@ def _localised(recipe: Recipe, stage: Path) -> tuple[Recipe, str]:
     names: dict[str, Path] = {}
     for key, path in files(recipe).items():
         names[key] = Path(f"{key.rpartition('.')[2]}{path.suffix}")
-        disk.write_bytes(stage / names[key], path.read_bytes())
+        disk.write_bytes(stage / names[key], _content(path))
     local = with_files(recipe, names)
     return local, dump(local)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def _artefacts(result: Result) -> Iterator[tuple[str, Any]]:

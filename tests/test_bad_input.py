@@ -48,7 +48,10 @@ SETTINGS = {
     "unknown contacts": ("model.contacts=glue", 'model.contacts: got "glue"; wanted'),
     "offset below zero": ("model.offset=-1", "model.offset: got -1; wanted"),
     "unknown primitive": ("model.primitive=teapot", "primitive.*teapot"),
-    "no mesh": ('model.primitive={ mesh = "none.stl" }', "none.stl"),
+    "no mesh": (
+        'model.primitive={ mesh = "none.stl" }',
+        r'model.primitive.mesh: got "none.stl"; wanted',
+    ),
     "no digits": ("model.digits.keep=[]", "digits"),
     "digit out of range": ("model.digits.keep=[[0, 0, 3]]", r"\[0, 0, 3\]"),
     "digit twice": ("model.digits.keep=[[0, 0, 0], [0, 0, 0]]", "twice"),
