@@ -294,8 +294,17 @@ def still_running(mark: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("stage", ["model", "voxels", "surface"])
+@pytest.mark.parametrize(
+    ("stage", "stop"),
+    [
+        ("surface", signal.SIGINT),
+        pytest.param("model", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("voxels", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("model", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("voxels", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("surface", signal.SIGTERM, marks=pytest.mark.slow),
+    ],
+)
 def test_an_interrupt_halfway_leaves_nothing(stage, stop, folder):
     """Stopped while the stage after ``stage`` is under way: voxels, surface, the guest's mesh."""
     before = contents(folder)
@@ -319,7 +328,14 @@ def test_an_interrupt_halfway_leaves_nothing(stage, stop, folder):
     assert contents(folder) == before
 
 
-@pytest.mark.parametrize("limit", [100, 20_000, 60_000])
+@pytest.mark.parametrize(
+    "limit",
+    [
+        pytest.param(100, marks=pytest.mark.slow),
+        20_000,
+        pytest.param(60_000, marks=pytest.mark.slow),
+    ],
+)
 def test_a_full_disk(limit, folder):
     """No file may grow beyond a limit, as on a disk that is full: exit 1, the folder as it was."""
 
