@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from porous import disk, view
-from porous.certificate import certify
+from porous.certificate import Certificate, Check, certify
 from porous.errors import DiskError, ViewError
 from porous.pipeline import Result, run
 from porous.recipe import build, load
 from porous.report import _report, report_html, write_report
-from porous.report._agreement import agree, conflicts, groups, number
+from porous.report._agreement import agree, conflicts, groups, number, verdict
 from porous.report._doubts import doubts
 from porous.values import (
     Block,
@@ -179,7 +179,7 @@ def test_a_table_has_as_many_cells_in_each_row(body):
 def test_colours_can_be_read(body):
     html = report_html(body)
     for ink in set(re.findall(r"(?<![-\w])color: (#[0-9a-f]{3,6})\b", html)):
-        for paper in ("#fff", "#f6f3ee", "#eef7f0", "#fbeeec"):
+        for paper in ("#fff", "#f6f3ee", "#eef7f0", "#fbeeec", "#f4f4f4"):
             assert contrast(ink, paper) >= 4.5, (ink, paper)
 
 
@@ -299,6 +299,24 @@ def test_the_certificate_is_in_the_report(body):
     for check in certificate.rows:
         assert check.quantity in words
         assert check.verdict in words
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "tone", "words"),
+    [
+        (("agree", "agree"), "good", "agree in volume, genus."),
+        (("agree", "unknown"), "good", "agree in volume; not decided: genus."),
+        (("agree", "differ"), "bad", "differ in genus: the certificate says"),
+        (("unknown", "unknown"), "open", "nothing to compare with"),
+        ((), "open", "nothing to compare with"),
+    ],
+)
+def test_the_verdict_is_that_of_the_worst_check(verdicts, tone, words):
+    names = zip(("volume", "genus"), verdicts, strict=False)
+    checks = tuple(Check(name, "1", 1, 1, 1, 1, 0.1, verdict) for name, verdict in names)
+    said = verdict(Certificate(checks))
+    assert said.tone == tone
+    assert words in said.text
 
 
 # --- the picture and the file --------------------------------------------------------------

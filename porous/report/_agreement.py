@@ -125,10 +125,10 @@ class Line:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the certificate comes to, in one sentence."""
+    """What the certificate comes to, in one sentence, and how it is to look: good, bad, open."""
 
     text: str
-    good: bool
+    tone: str
 
 
 def lines(certificate: Certificate | None) -> tuple[Line, ...]:
@@ -145,12 +145,12 @@ def verdict(certificate: Certificate | None) -> Verdict:
     }
     if named["differ"]:
         text = f"Model, voxels, surface and mesh differ in {', '.join(named['differ'])}"
-        return Verdict(f"{text}: the certificate says what would mend it.", good=False)
+        return Verdict(f"{text}: the certificate says what would mend it.", "bad")
     if not named["agree"]:
-        return Verdict("Not certified: there was nothing to compare with.", good=False)
+        return Verdict("Not certified: there was nothing to compare with.", "open")
     text = f"Model, voxels, surface and mesh agree in {', '.join(named['agree'])}"
     open_ones = f"; not decided: {', '.join(named['unknown'])}" if named["unknown"] else ""
-    return Verdict(f"{text}{open_ones}.", good=True)
+    return Verdict(f"{text}{open_ones}.", "good")
 
 
 def _line(row: Check) -> Line:
