@@ -110,13 +110,14 @@ def chaos_points(maps, count, seed=0):
 
 
 def word_points(maps, size, radius):
-    """A point of every part of an attractor that is smaller than ``size``: words, depth first."""
-    start = next(np.linalg.solve(np.eye(3) - np.asarray(A), b) for A, b in maps)
-    stack, found = [(np.eye(3), np.zeros(3))], []
-    while stack:
-        A, b = stack.pop()
-        if np.linalg.norm(A, 2) * radius <= size:
-            found.append(A @ start + b)
-        else:
-            stack += [(A @ np.asarray(M), A @ np.asarray(t) + b) for M, t in maps]
-    return np.array(found)
+    """A point of every part of an attractor that is smaller than ``size``: words by length."""
+    linear, shift = np.array([m[0] for m in maps], float), np.array([m[1] for m in maps], float)
+    start = np.linalg.solve(np.eye(3) - linear[0], shift[0])
+    A, b, found = np.eye(3)[None], np.zeros((1, 3)), []
+    while len(A):
+        small = np.linalg.norm(A, axis=(1, 2)) * radius <= size
+        found.append(A[small] @ start + b[small])
+        A, b = A[~small], b[~small]
+        b = (np.einsum("wab,mb->wma", A, shift) + b[:, None]).reshape(-1, 3)
+        A = np.einsum("wab,mbc->wmac", A, linear).reshape(-1, 3, 3)
+    return np.concatenate(found)

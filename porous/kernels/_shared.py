@@ -1,4 +1,4 @@
-"""What every kernel file shares: the house decorator, its cache, one array type, threads.
+"""What kernel files share: the house decorator, its cache, one array type, threads, strokes.
 
 numba's cache does not notice an edit to a function called from another file, so kernels call only
 their own file and this one, and the cache lies in a folder named after the text of all of them.
@@ -6,6 +6,7 @@ their own file and this one, and the cache lies in a folder named after the text
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import tempfile
@@ -39,8 +40,20 @@ def _cache_folder():
 if "NUMBA_CACHE_DIR" not in os.environ:
     numba.config.CACHE_DIR = _cache_folder()  # type: ignore[attr-defined]
 
-kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
-"""The house decorator: compiled once, cached, free of the interpreter's lock."""
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function once, cached, free of the interpreter's lock: the house decorator."""
+    made = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    cache = getattr(made, "_cache", None)  # not there where numba is told not to compile
+    if cache is not None:
+        save = cache.save_overload
+
+        def save_if_possible(signature: Any, data: Any) -> None:
+            # A disk that is full costs the next start some seconds, not this run its result.
+            with contextlib.suppress(OSError):
+                save(signature, data)
+
+        cache.save_overload = save_if_possible
+    return made
 
 
 def source(array: ArrayLike, dtype: DTypeLike) -> NDArray[Any]:
@@ -84,3 +97,33 @@ def slabs(
             for future in futures:
                 future.cancel()
             raise
+
+
+@kernel
+def stroke(column, start, low, high, depths, row):
+    # Sample c of voxel k lies at k + depths[row, c]; only a span's first and last voxel can be
+    # partly inside.
+    points = depths.shape[1]
+    stop = start + column.shape[0]
+    low, high = min(max(low, start - 1.0), stop + 1.0), min(max(high, start - 1.0), stop + 1.0)
+    first = max(start, np.int64(np.ceil(low - depths[row, points - 1])))
+    last = min(stop - 1, np.int64(np.floor(high - depths[row, 0])))
+    for k in range(first, last + 1):
+        bits = np.uint64(0)
+        for c in range(points):
+            place = k + depths[row, c]
+            if low <= place and place <= high:
+                bits |= np.uint64(1) << np.uint64(row * points + c)
+        column[k - start] |= bits
+
+
+@kernel
+def columns(box, start, shape):
+    # Voxels of the window that a box, lower and upper corner, may have samples in.
+    x0 = max(np.int64(np.floor(max(box[0], start[0] - 1.0))), start[0])
+    y0 = max(np.int64(np.floor(max(box[1], start[1] - 1.0))), start[1])
+    x1 = min(np.int64(np.floor(min(box[3], start[0] + shape[0] + 1.0))), start[0] + shape[0] - 1)
+    y1 = min(np.int64(np.floor(min(box[4], start[1] + shape[1] + 1.0))), start[1] + shape[1] - 1)
+    if box[5] < start[2] or box[2] > start[2] + shape[2]:
+        x1 = x0 - 1
+    return x0, y0, x1, y1

@@ -127,7 +127,9 @@ def _descend(
     budget,
 ):
     # Depth first. A box lies in its parent's, so a node whose voxels are all marked can add none,
-    # and what is marked in the end does not depend on the order.
+    # and what is marked in the end depends neither on the order nor on the window. That is why
+    # points are stamped at the ends only: the points of shorter words are those of longer ones, but
+    # for rounding.
     steps = 0
     while top > 0 and steps < budget:
         top -= 1
@@ -136,10 +138,11 @@ def _descend(
         count = _touched(boxes[top], start, marks.shape, span)
         if count == 0 or (count <= ASKED and _all_marked(marks, span)):
             continue
-        _stamp(marks, start, nodes[top], points[state])
         if first[state] == first[state + 1] or _size(boxes[top], spacing) <= stop:
             if whole:
                 marks[span[0] : span[3] + 1, span[1] : span[4] + 1, span[2] : span[5] + 1] = 1
+            else:
+                _stamp(marks, start, nodes[top], points[state])
             continue
         many = first[state + 1] - first[state]
         if top + many + 1 > len(states):
@@ -200,8 +203,8 @@ class Descent:
     def run(self, stop: float, *, whole: bool, limit: int) -> int:
         """Descend to boxes of half diagonal ``stop``; return the number of words looked at.
 
-        Marks voxels of points of the attractor on the way, and where ``whole`` all voxels that
-        the last boxes touch. Returns more than ``limit`` where it gave up there.
+        Marks all voxels that the last boxes touch where ``whole``, else the voxels of a point of
+        the attractor in each. Returns more than ``limit`` where it gave up there.
         """
         size = 1024
         stack = self._stack(size)

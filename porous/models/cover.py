@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 FINE = 16
 """Boxes at the end of a descent have half diagonals of a voxel's shortest edge over this."""
 
+ENDS = 4
+"""… and of a net's with the shortest edge of a cell over this."""
+
 COARSE = (4, 2, 1)
 """Half diagonals, in voxels, of the descents that only mark voxels of the attractor's points."""
 
@@ -95,7 +98,9 @@ def cover_attractor(
         return masks, (frame.diagonal + 2 * net.error) * ROUNDING
     h = min(frame.spacing)
     window = _Window(np.array(frame.start), np.array(frame.shape), np.array(frame.spacing))
-    marks = window.marked(_system(automaton, balls.tobytes()), _root(automaton, frame, 1), h / FINE)
+    marks = window.marked(
+        _system(automaton, balls.tobytes()), _root(automaton, frame, 1), h / FINE, whole=True
+    )
     return marks.astype(np.uint64), (frame.diagonal + 2 * h / FINE) * ROUNDING
 
 
@@ -109,10 +114,10 @@ def sample_attractor(
 ) -> NDArray[np.uint64]:
     """Return the masks of an attractor grown by a ball of radius ``offset``.
 
-    Balls are drawn about a net: the cells of a lattice finer than the voxels that the attractor
-    touches. The net's Hausdorff distance from the attractor is at most 1.36 cells, a cell being
-    a quarter of a voxel's shortest edge, or a 48th of the offset where that is larger; so the
-    surface lies within that distance of the true one.
+    Balls are drawn about a net: the cells, on a lattice finer than the voxels, that hold a point
+    of each small part of the attractor. The net's Hausdorff distance from the attractor is at
+    most 1.37 cells, a cell being a quarter of a voxel's shortest edge, or a 48th of the offset
+    where that is larger; so what is drawn lies within that distance of the true body.
 
     Parameters and errors as in ``cover_attractor``; ``pattern`` says where samples lie.
 
@@ -137,8 +142,13 @@ class _Window:
     shape: Indices
     spacing: Floats
 
-    def marked(self, system: System, root: tuple[int, Floats], size: float) -> NDArray[np.uint8]:
-        """Return which cells boxes of half diagonal ``size`` touch, uint8 of 0 and 1."""
+    def marked(
+        self, system: System, root: tuple[int, Floats], size: float, *, whole: bool
+    ) -> NDArray[np.uint8]:
+        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
+
+        Where not ``whole``, which cells hold a point of the attractor from such a box.
+        """
         from porous.kernels.cover import Descent
 
         voxels = math.prod(map(int, self.shape))
@@ -150,7 +160,7 @@ class _Window:
         # Points of the attractor first: most last boxes then touch marked cells only.
         coarse = [step * float(self.spacing.min()) for step in COARSE]
         for stop in (*coarse, size):
-            if descent.run(stop, whole=stop == size, limit=limit) > limit:
+            if descent.run(stop, whole=whole and stop == size, limit=limit) > limit:
                 raise ModelError(
                     f"the parts of this attractor overlap so much that {limit} words do not "
                     "decide which voxels it touches; choose fewer voxels, or a level"
@@ -179,13 +189,14 @@ class _Net:
         start = np.floor((lower - origin) / cell).astype(np.int64) - 1
         stop = np.ceil((upper - origin) / cell).astype(np.int64) + 1
         window = _Window(start, np.maximum(stop - start, 1), cell)
-        size = float(cell.min()) / FINE
-        marks = window.marked(
-            _system(automaton, balls.tobytes()), _root(automaton, frame, split), size
+        size = float(cell.min()) / ENDS
+        system, root = _system(automaton, balls.tobytes()), _root(automaton, frame, split)
+        marks = window.marked(system, root, size, whole=False)
+        # A point of the attractor is in a box with the point that marked a cell. Between the
+        # centres of two cells nothing is further from both points than one's far corners.
+        error = max(
+            math.hypot(*(cell / 2)) + 2 * size, math.hypot(cell[0] / 2, cell[1] / 2, cell[2])
         )
-        # Between the centres of two marked cells a point is no further from the attractor than
-        # from the far corners of one of them.
-        error = math.hypot(cell[0] / 2, cell[1] / 2, cell[2]) + 2 * size
         return cls(window, origin, marks, error)
 
     def grown(self, frame: Frame, pattern: Pattern, radius: float) -> NDArray[np.uint64]:

@@ -267,7 +267,7 @@ def _paint_ellipsoids(lattice: Lattice, primitive: Primitive, frames: Floats) ->
 
 
 def _paint_meshes(lattice: Lattice, primitive: Primitive, frames: Floats) -> None:
-    from porous.kernels.pieces import paint_solids
+    from porous.kernels.solids import paint_solids
 
     lower, upper = _boxes(primitive, frames)
     boxes = np.concatenate([lattice.places(lower), lattice.places(upper)], axis=1)
