@@ -264,6 +264,8 @@ def _verdict(error: BaseException) -> tuple[int, str]:
         return 130, "interrupted; nothing was written"
     if isinstance(error, MemoryError):
         return 1, f"out of memory: {error}" if str(error) else "out of memory"
+    if isinstance(error, OSError):
+        return 1, f"{error.filename or 'the disk'}: {(error.strerror or str(error)).lower()}"
     what = f"{type(error).__name__}: {error}"
     return 1, f"a fault of porous itself: {what} (POROUS_TRACEBACK=1 says where)"
 

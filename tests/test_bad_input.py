@@ -336,15 +336,20 @@ def test_an_interrupt_halfway_leaves_nothing(stage, stop, folder):
         pytest.param(60_000, marks=pytest.mark.slow),
     ],
 )
-def test_a_full_disk(limit, folder):
-    """No file may grow beyond a limit, as on a disk that is full: exit 1, the folder as it was."""
+def test_a_full_disk(limit, folder, tmp_path_factory):
+    """No file may grow beyond a limit, as on a disk that is full: exit 1, the folder as it was.
+
+    With a limit of 100 bytes compiled kernels cannot be kept either, and that is no reason to fail.
+    """
 
     def shrink() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
     before = contents(folder)
-    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "POROUS_THREADS": "1"}
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    if limit == 100:
+        environment["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
     argv = ["make", "menger", "-o", "new/out", "--set", "volume.method=none"]
     process = porous(*argv, folder=folder, env=environment, preexec_fn=shrink)
     _, err = process.communicate(timeout=120)

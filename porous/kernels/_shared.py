@@ -40,6 +40,7 @@ def _cache_folder():
 if "NUMBA_CACHE_DIR" not in os.environ:
     numba.config.CACHE_DIR = _cache_folder()  # type: ignore[attr-defined]
 
+
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function once, cached, free of the interpreter's lock: the house decorator."""
     made = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
