@@ -123,8 +123,9 @@ def _midpoints(
 ) -> tuple[Floats, Indices]:
     """Give the wedges of edges that still have more than two triangles midpoints of their own."""
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2))
-    _, edge, uses = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-    wedges = np.flatnonzero(uses[edge.reshape(-1)[side]] > 2)
+    key = ends[:, 0] * len(points) + ends[:, 1]
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    wedges = np.flatnonzero(uses[edge[side]] > 2)
     if not len(wedges):
         return points, triangles
     middle = np.full(triangles.size, -1)
