@@ -336,11 +336,11 @@ def test_cut_sets_stop_at_a_size():
     np.testing.assert_allclose(doubled.frames()[:, :, :3], model.frames()[:, :, :3], atol=1e-15)
 
 
-def test_fusing_grows_the_domain_by_the_balls():
+def test_fusing_leaves_the_domain_as_it_is():
     model = tetrahedra(level=2, size=4.0, contacts="fuse")
     # A quarter of the thinnest cell, which is a quarter of the whole.
     assert model.contact_radius == pytest.approx(0.25)
-    assert model.domain == Box((-0.25,) * 3, (4.25,) * 3)
+    assert model.domain == Box((0.0,) * 3, (4.0,) * 3)
     assert model.bulk == Box((0, 0, 0), (4, 4, 4))
     assert (model.balls[:, 3] == model.contact_radius).all()
     # Vertices of the first two subdivisions, less the four corners: 6 + 24.

@@ -536,14 +536,16 @@ def _built(
 
 
 def _with_radius(model: IFS, *, grown: bool) -> IFS:
-    """Return the model with its contact radius settled and its domain grown by what is added."""
+    """Return the model with its contact radius settled and its domain grown by the offset.
+
+    Balls at contacts do not grow it: they depend on the level, which the domain does not.
+    """
     from dataclasses import replace
 
     radius = model.contact_radius
     if model.contacts == "fuse" and not radius:
         radius = FUSED * (model.smallest_feature() or 0.0)
-    reach = model.offset + (radius if model.contacts == "fuse" else 0.0)
-    domain = model.domain.grown(reach) if grown and reach else model.domain
+    domain = model.domain.grown(model.offset) if grown and model.offset else model.domain
     return replace(model, contact_radius=radius, domain=domain)
 
 
