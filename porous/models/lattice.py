@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -64,13 +65,10 @@ def sample_digits(
     """
     masks = np.zeros(frame.shape, np.uint64)
     lattice = _Lattice(digits, level, box, frame)
-    for row, (x, y) in enumerate(pattern.rows):
-        along = (np.array([x]), np.array([y]), pattern.depths[row])
-        bits = np.uint64(1) << np.arange(
-            row * pattern.depths.shape[1], (row + 1) * pattern.depths.shape[1], dtype=np.uint64
-        )
-        for chosen in product(*(lattice.cells(axis, along[axis]) for axis in range(3))):
-            lattice.join(masks, chosen, bits, fresh=False)
+    bits = np.uint64(1) << np.arange(pattern.points, dtype=np.uint64)
+    along = (pattern.rows[:, 0], pattern.rows[:, 1], pattern.depths.ravel())
+    for chosen in product(*(lattice.cells(axis, along[axis]) for axis in range(3))):
+        lattice.join(masks, chosen, bits.reshape(pattern.depths.shape), fresh=False)
     return masks
 
 
@@ -99,7 +97,7 @@ def fill_digits(
             return None
         chosen.append(both[0][:, :1])
     fill = np.empty(frame.shape, np.uint8)
-    lattice.join(fill, tuple(chosen), np.array([255], np.uint8), fresh=True, progress=progress)
+    lattice.join(fill, tuple(chosen), np.array([[255]], np.uint8), fresh=True, progress=progress)
     return fill
 
 
@@ -146,32 +144,44 @@ class _Lattice:
         fresh: bool,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Join the lines through one x and y per voxel; ``bits`` are those of the samples in z."""
+        """Join a pattern's lines: cells (n, R), (n, R), (n, R · C) along x, y, z; bits (R, C)."""
         from porous.kernels.lattice import join_rows
 
         x, y, z = (self._numbered(axis, index) for axis, index in enumerate(cells))
         which, kept = self._pairs(x.values, y.values, z.values)
-        inside = np.bitwise_or.reduce(np.where(cells[2] >= 0, bits, 0), axis=1).astype(out.dtype)
-        needed = self.level * len(kept) * out.shape[2] * out.itemsize
-        if needed > SMALL:
-            remedy = "Choose fewer divisions or fewer voxels."
-            check_memory(needed, f"tables of {len(kept)} kinds of rows", remedy)
-        tables = np.zeros((self.level, len(kept), out.shape[2]), out.dtype)
-        for level in range(self.level):
-            for sample, bit in enumerate(bits):
-                tables[level] |= np.where(kept[:, z.numbers[:, sample, level]], bit, 0).astype(
-                    out.dtype
-                )
+        inside = np.where(cells[2].T >= 0, bits.reshape(-1, 1), 0).astype(out.dtype)
+        lines = len(bits)
         join_rows(
             out,
-            x.numbers[:, 0],
-            y.numbers[:, 0],
+            x.numbers,
+            y.numbers,
             which,
-            tables,
-            inside,
+            self._tables(kept, z.numbers, bits, out.dtype),
+            np.bitwise_or.reduce(inside.reshape(lines, -1, out.shape[2]), axis=1),
             fresh=fresh,
             progress=progress,
         )
+
+    def _tables(
+        self,
+        kept: NDArray[np.bool_],
+        numbers: NDArray[np.int32],
+        bits: NDArray[np.unsignedinteger],
+        dtype: np.dtype[np.unsignedinteger],
+    ) -> NDArray[np.unsignedinteger]:
+        """Return the bits (R, L, U, n) that each kind of row keeps at each level."""
+        shape = (len(bits), self.level, len(kept), len(numbers))
+        needed = math.prod(shape) * dtype.itemsize
+        if needed > SMALL:
+            remedy = "Choose fewer divisions or fewer voxels."
+            check_memory(needed, f"tables of {len(kept)} kinds of rows", remedy)
+        tables = np.zeros(shape, dtype)
+        for sample, bit in enumerate(bits.ravel()):
+            line = sample // bits.shape[1]
+            for level in range(self.level):
+                keeps = kept[:, numbers[:, sample, level]]
+                tables[line, level] |= keeps * bit.astype(dtype)
+        return tables
 
     def _numbered(self, axis: int, index: Indices) -> _Numbered:
         """Return the digits of cells, (n, p) to (n, p, max(L, 1)), numbered among those there."""
