@@ -186,7 +186,6 @@ def test_work_without_end_is_refused(monkeypatch):
         covered(SYSTEMS["overlapping"], framed(SYSTEMS["overlapping"], (20, 20, 20)))
 
 
-@pytest.mark.slow
 def test_heavy_overlap_has_an_end():
     maps = turned_maps(6, 0.7, 5)  # similarity dimension 5
     frame = framed(maps, (40, 41, 42))

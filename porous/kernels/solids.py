@@ -81,18 +81,23 @@ def _upright(a, b, c, x, y, slack):
 
 
 @kernel
-def _chosen(points, triangles, given, count, x0, x1, y0, y1, found):
+def _outline(points, triangles, limits):
+    # The rectangle round each triangle, seen along z.
+    for t in range(len(triangles)):
+        for a in range(2):
+            u, v, w = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            limits[t, a] = min(points[u, a], points[v, a], points[w, a])
+            limits[t, a + 2] = max(points[u, a], points[v, a], points[w, a])
+
+
+@kernel
+def _chosen(limits, given, count, x0, x1, y0, y1, found):
     # Of ``count`` triangles those whose outline meets a rectangle.
     many = 0
     for k in range(count):
         t = given[k]
-        a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-        if (
-            min(a[0], b[0], c[0]) <= x1
-            and max(a[0], b[0], c[0]) >= x0
-            and min(a[1], b[1], c[1]) <= y1
-            and max(a[1], b[1], c[1]) >= y0
-        ):
+        inside = limits[t, 0] <= x1 and limits[t, 2] >= x0
+        if inside and limits[t, 1] <= y1 and limits[t, 3] >= y0:
             found[many] = t
             many += 1
     return many
@@ -129,6 +134,7 @@ def _solids(
     first,
     last,
     points,
+    limits,
     every,
     wide,
     near,
@@ -149,12 +155,12 @@ def _solids(
                 for b in range(3):
                     value += frames[p, a, b] * corners[v, b]
                 points[v, a] = value
-        count = _chosen(points, triangles, every, len(triangles), x0, x1 + 1.0, y0, y1 + 1.0, wide)
+        _outline(points, triangles, limits)
+        count = _chosen(limits, every, len(triangles), x0, x1 + 1.0, y0, y1 + 1.0, wide)
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
                 some = _chosen(
-                    points,
-                    triangles,
+                    limits,
                     wide,
                     count,
                     i - slack,
@@ -203,7 +209,7 @@ def paint_solids(
     corners, triangles = source(solid[0], np.float64), source(solid[1], np.int64)
     count = len(triangles)
     scratch = (
-        *(np.empty((len(corners), 3)), source(np.arange(count), np.int64)),
+        *(np.empty((len(corners), 3)), np.empty((count, 4)), source(np.arange(count), np.int64)),
         *(np.empty(count, np.int64), np.empty(count, np.int64)),
         *(np.empty(count), np.empty(count, np.int64), np.empty(count)),
     )
