@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         ViewError,
     )
     from porous.formats import read, write
-    from porous.models.ifs import ifs
+    from porous.models.ifs import CutSet, ifs
     from porous.pipeline import Result, run
     from porous.recipe import Recipe, build, load
     from porous.report import write_report
@@ -62,7 +62,7 @@ _HOMES = {
         "ViewError",
     ),
     "formats": ("read", "write"),
-    "models.ifs": ("ifs",),
+    "models.ifs": ("CutSet", "ifs"),
     "pipeline": ("Result", "run"),
     "recipe": ("Recipe", "build", "load"),
     "report": ("write_report",),
@@ -94,6 +94,7 @@ __all__ = [
     "Box",
     "Cancelled",
     "Certificate",
+    "CutSet",
     "DiskError",
     "FormatError",
     "Frame",

@@ -52,6 +52,8 @@ class Check(Value):
         What is compared.
     model, grid, surface, volume
         Its values, None where it is not known.
+    width
+        How far the grid's own estimate may be off, in ``unit``.
     tolerance
         How far surface and mesh may be off, in ``unit``.
     verdict
@@ -67,6 +69,7 @@ class Check(Value):
     grid: float | None
     surface: float | None
     volume: float | None
+    width: float
     tolerance: float
     verdict: str
     remedy: str = ""
@@ -167,6 +170,7 @@ def _check(quantity: str, rows: dict[str, Measure]) -> Check:
         values.get("grid"),
         values.get("surface"),
         values.get("volume"),
+        _width(rows["grid"]) if "grid" in rows else 0.0,
         tolerance,
         verdict,
     )
@@ -232,4 +236,5 @@ def _cells(row: Check) -> tuple[str, ...]:
     values = (row.model, row.grid, row.surface, row.volume)
     unit = "" if row.unit == "1" else f" {row.unit}"
     shown = ["—" if value is None else f"{value:.7g}" for value in values]
+    shown[1] += f" ± {row.width:.2g}" if row.width else ""
     return (f"{row.quantity}{unit}", *shown, f"{row.tolerance:.2g}", row.verdict)

@@ -174,6 +174,12 @@ class _Work:
             ),
         )
 
+        if self.grid.sampling == "cover":
+            self.notes.append(
+                "the voxels cover the set: volume, area and topology are those of its cover, not "
+                "of the set itself; an offset makes material of it"
+            )
+
     def extract_surface(self) -> None:
         from porous.stages import extract_surface
 

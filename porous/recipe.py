@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -50,6 +51,12 @@ class Section(BaseModel):
     """A table of a recipe: frozen, strict about types, no unknown keys, no NaN."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def _some(value: float) -> float:
+    if not value:
+        raise ValueError("wanted a number but zero, for no load makes no step")
+    return value
 
 
 def _triple(value: object) -> object:
@@ -126,7 +133,9 @@ class SimulationSection(Section):
 
     analysis: Literal["compression"] = Field(default="compression", description='"compression"')
     material: str = Field(default="steel", description="the name of a material")
-    pressure: float = Field(default=1.0, description="a number: the pressure on ZMAX, in MPa")
+    pressure: Annotated[float, AfterValidator(_some)] = Field(
+        default=1.0, description="a number but zero: the pressure on ZMAX, in MPa"
+    )
 
     @field_validator("material")
     @classmethod
@@ -277,10 +286,8 @@ def section_of(table: Mapping[str, Any], name: str) -> type[BaseModel]:
     """Return the section class of a ``[model]`` table, or raise ``RecipeError`` listing kinds."""
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in sections():
-        got = shown(kind) if "kind" in table else "nothing"
-        raise RecipeError(
-            f"{name}: model.kind: unknown kind {got}; there is {', '.join(sections())}"
-        )
+        got = f"unknown kind {shown(kind)}" if "kind" in table else "missing"
+        raise RecipeError(f"{name}: model.kind: {got}; there is {', '.join(sections())}")
     return sections()[kind]
 
 

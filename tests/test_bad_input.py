@@ -107,7 +107,7 @@ RECIPES = {
     "deep brackets": ("a = " + "[" * 100_000, "brackets 100000 deep"),
     "deep keys": ("a" + ".b" * 20_000 + " = 1", "a key of 20001 parts"),
     "large": ("#" * 2_000_000, "more than 1048576 bytes"),
-    "no kind": ("[model]\nlevel = 2\n", "model.kind: unknown kind nothing; there is ifs"),
+    "no kind": ("[model]\nlevel = 2\n", "model.kind: missing; there is ifs"),
     "neither maps nor digits": ("[model]\nkind = 'ifs'\nlevel = 1\n", "maps"),
     "both maps and digits": (
         CUBE + f"maps = [{{ matrix = {HALF}, translation = [0, 0, 0] }}]\n",

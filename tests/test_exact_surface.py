@@ -1,5 +1,7 @@
 """The exact boundary: closed forms, twins, order of the maps, and what it refuses."""
 
+import time
+
 import naive_boundary as naive
 import numpy as np
 import pytest
@@ -289,3 +291,13 @@ def test_gathering_takes_the_lowest_of_near_numbers():
         [0.1, 1, 1 - 1e-14],
         [0.5, 0, 0],
     ]
+
+
+@pytest.mark.slow
+def test_menger_3_takes_less_than_two_seconds_of_a_processor():
+    automaton = systems.digits(3, systems.MENGER)
+    exact_boundary(automaton, CUBE, 1)
+    begin = time.process_time()
+    surface = exact_boundary(automaton, CUBE, 3)
+    assert time.process_time() - begin < 2
+    assert len(surface.triangles) == 36_096

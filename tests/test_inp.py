@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import systems
 
+from porous import load, make
 from porous.errors import FormatError, GuestError
 from porous.formats import inp, write
 from porous.guests import ccx
@@ -185,6 +186,19 @@ def test_tetrahedra_of_menger_2_in_calculix(judge):
     job = compression(mesh, material=material("pla"), pressure=1.0)
     solved = assert_solved(job, judge("ccx"))
     assert solved.reaction[2] == pytest.approx((8 / 9) ** 2, rel=1e-3)
+
+
+@pytest.mark.judge
+@pytest.mark.slow
+def test_the_deck_of_the_menger_preset_runs_as_written(judge, tmp_path):
+    result = make(load("menger"), tmp_path / "out")
+    deck = (tmp_path / "out" / "tets.inp").read_bytes()
+    solved = ccx.solve([deck], program=judge("ccx"))
+    energy, load_vector = naive_elasticity.energy(result.job)
+    assert "ERROR" not in solved.log
+    assert solved.reaction[2] == pytest.approx((8 / 9) ** 2, rel=1e-3)
+    assert solved.reaction == pytest.approx(load_vector, abs=1e-5 * np.linalg.norm(load_vector))
+    assert solved.energy == pytest.approx(energy, rel=1e-5)
 
 
 @pytest.mark.judge

@@ -7,7 +7,7 @@ import naive_measures
 import numpy as np
 import pytest
 
-from porous import build, load, measures, voxelize
+from porous import build, ifs, load, measures, voxelize
 from porous.errors import GridError
 from porous.measures._census import (
     Census,
@@ -17,7 +17,8 @@ from porous.measures._census import (
     count_windows,
 )
 from porous.measures._porosity import VOXEL, solid_fractions
-from porous.values import FILL, Frame, VoxelGrid
+from porous.models.digits import named
+from porous.values import FILL, Box, Frame, VoxelGrid
 
 PERIODIC = list(product((False, True), repeat=3))
 POINTS = np.column_stack([np.repeat(FILL.rows, FILL.depths.shape[1], 0), FILL.depths.ravel()])
@@ -112,8 +113,8 @@ def test_centres_and_covers_say_so_in_their_uncertainty():
     ]
     assert all(row.value == 1000 for row in rows)
     fill, centre, cover = (row.uncertainty for row in rows)
-    assert 0 < fill < centre < cover == 600
-    assert centre == pytest.approx(100 * 6**0.5 / 12**0.5)
+    assert 0 < fill < centre < cover == 1000
+    assert centre == pytest.approx(200 * 3**0.5 / 12**0.5)
 
 
 def test_fills_of_64_points_stand_for_whole_64ths():
@@ -337,3 +338,37 @@ def test_permuting_axes_permutes_the_measures():
     )
     assert measures.through_porosity_x(grid).value == measures.through_porosity_y(moved).value
     assert measures.through_porosity_z(grid).value == measures.through_porosity_x(moved).value
+
+
+# --- bodies that leave their bulk, and boundaries that are not quite the body's --------------
+
+
+@pytest.mark.parametrize("voxels", [13, 20, 47])
+def test_the_volume_of_a_body_that_outgrows_its_bulk(voxels):
+    ball = ifs([(np.eye(3) / 2, np.zeros(3))], level=0, primitive="ball", offset=0.5)
+    row = measures.volume(voxelize(ball, voxels=voxels))
+    assert 0 < abs(row.value - 4 / 3 * math.pi) <= 2 * row.uncertainty
+
+
+@pytest.mark.parametrize(("offset", "voxels"), [(0.2, 51), (0.05, 51), (1.0, 24)])
+def test_a_grown_segment_is_within_its_uncertainty(offset, voxels):
+    halves = [(np.eye(3) / 2, np.array([shift, 0, 0])) for shift in (0.0, 0.5)]
+    grid = voxelize(ifs(halves, level="limit", offset=offset), voxels=voxels)
+    steiner = math.pi * offset**2 + 4 / 3 * math.pi * offset**3
+    row = measures.volume(grid)
+    assert grid.sampling_error > 0
+    assert abs(row.value - steiner) <= 2 * row.uncertainty
+
+
+def test_a_full_body_has_no_negative_doubt():
+    corners = [(np.eye(3) / 2, np.array(np.unravel_index(i, (2, 2, 2))) / 2) for i in range(8)]
+    row = measures.porosity(voxelize(ifs(corners, level="limit", offset=0.05), voxels=51))
+    assert row.uncertainty >= abs(row.value)
+
+
+def test_a_cut_cover_has_no_hausdorff_bound():
+    menger = named("menger")
+    whole = voxelize(ifs(menger, level="limit"), voxels=18, sampling="cover")
+    cut = ifs(menger, level="limit", domain=Box((0, 0, 0), (1, 1, 0.5)))
+    assert whole.hausdorff is not None
+    assert voxelize(cut, voxels=18, sampling="cover").hausdorff is None

@@ -313,7 +313,7 @@ def test_the_certificate_is_in_the_report(body):
 )
 def test_the_verdict_is_that_of_the_worst_check(verdicts, tone, words):
     names = zip(("volume", "genus"), verdicts, strict=False)
-    checks = tuple(Check(name, "1", 1, 1, 1, 1, 0.1, verdict) for name, verdict in names)
+    checks = tuple(Check(name, "1", 1, 1, 1, 1, 0.0, 0.1, verdict) for name, verdict in names)
     said = verdict(Certificate(checks))
     assert said.tone == tone
     assert words in said.text

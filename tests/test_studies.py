@@ -44,6 +44,17 @@ def test_the_index_tells_of_the_study(study):
     assert study.name in (ANALYSIS / "README.md").read_text(encoding="utf-8")
 
 
+def assert_rasterising_is_fast(rows):
+    large = [row for row in rows if row["body"] == "menger 6, aligned"]
+    assert {row["sampling"] for row in large} == {"centre", "fill"}
+    assert all(row["voxels"] == "729x729x729" for row in large)
+    assert all(float(row["ratio_to_fill"]) <= 3 for row in large)
+
+
+def test_menger_6_is_rasterised_within_three_fills_of_memory():
+    assert_rasterising_is_fast(rows_of(ANALYSIS / "results" / "01_rasterise_speed.csv"))
+
+
 @pytest.mark.slow
 @each_study
 def test_a_study_runs(study, tmp_path):
@@ -61,3 +72,5 @@ def test_a_study_runs(study, tmp_path):
     committed = rows_of(ANALYSIS / "results" / f"{study.stem}.csv")
     assert len(fresh) == len(committed)
     assert [list(row) for row in fresh] == [list(row) for row in committed]
+    if study.stem == "01_rasterise_speed":
+        assert_rasterising_is_fast(fresh)

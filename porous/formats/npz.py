@@ -1,9 +1,9 @@
 """NPZ: numpy's zip of arrays; what scripts exchange.
 
 ``fill`` (uint8, axes x, y, z) and ``spacing`` (three lengths) must be there; ``origin``, ``unit``
-and ``sampling`` have defaults; ``bulk``, ``hausdorff``, ``periodic`` and ``start`` stand where they
-say more than the defaults. ``numpy.load`` reads it. The same grid gives the same bytes. Pickles
-are never read.
+and ``sampling`` have defaults; ``bulk``, ``hausdorff``, ``sampling_error``, ``periodic`` and
+``start`` stand where they say more than the defaults. ``numpy.load`` reads it. The same grid gives
+the same bytes. Pickles are never read.
 """
 
 from __future__ import annotations
@@ -76,6 +76,7 @@ def _arrays(grid: VoxelGrid) -> dict[str, NDArray[Any]]:
     more: dict[str, Any] = {
         "bulk": grid.bulk,
         "hausdorff": None if grid.hausdorff is None else np.float64(grid.hausdorff),
+        "sampling_error": np.float64(grid.sampling_error) if grid.sampling_error else None,
         "periodic": np.array(frame.periodic) if any(frame.periodic) else None,
         "start": np.array(frame.start, dtype=np.int64) if any(frame.start) else None,
     }
@@ -105,7 +106,8 @@ def _grid(arrays: _Arrays) -> VoxelGrid:
     )
     binary = not ((fill > 0) & (fill < 255)).any()
     sampling = arrays.word("sampling", "centre" if binary else "fill")
-    return VoxelGrid(frame, fill, bulk, sampling, arrays.distance("hausdorff"))
+    bound, error = arrays.distance("hausdorff"), arrays.distance("sampling_error")
+    return VoxelGrid(frame, fill, bulk, sampling, bound, error or 0.0)
 
 
 class _Arrays:

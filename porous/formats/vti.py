@@ -49,7 +49,9 @@ def read(source: Source) -> VoxelGrid:
     if name != OURS and fill.max() <= 1:
         fill = fill * np.uint8(255)
     bulk = _voxels(document, arrays["bulk"], frame) if {OURS, "bulk"} <= set(arrays) else None
-    return VoxelGrid(frame, fill, bulk, _sampling(document, fields, fill), _bound(document, fields))
+    bound, error = (_length(document, fields, name) for name in ("hausdorff", "sampling_error"))
+    sampling = _sampling(document, fields, fill)
+    return VoxelGrid(frame, fill, bulk, sampling, bound, error or 0.0)
 
 
 def write(grid: VoxelGrid) -> Iterator[bytes]:
@@ -67,6 +69,8 @@ def write(grid: VoxelGrid) -> Iterator[bytes]:
     writer.field(fields, "periodic", np.array(frame.periodic, dtype=np.uint8))
     if grid.hausdorff is not None:
         writer.field(fields, "hausdorff", np.array([grid.hausdorff], dtype=np.float64))
+    if grid.sampling_error:
+        writer.field(fields, "sampling_error", np.array([grid.sampling_error], dtype=np.float64))
     cells = SubElement(SubElement(image, "Piece", {"Extent": extent}), "CellData", Scalars=OURS)
     writer.array(cells, OURS, grid.fill.transpose(2, 1, 0).reshape(-1))
     if grid.bulk is not None:
@@ -103,10 +107,10 @@ def _periodic(document: Document, fields: dict[str, Element]) -> tuple[bool, boo
     return bool(x), bool(y), bool(z)
 
 
-def _bound(document: Document, fields: dict[str, Element]) -> float | None:
-    if "hausdorff" not in fields:
+def _length(document: Document, fields: dict[str, Element], name: str) -> float | None:
+    if name not in fields:
         return None
-    return float(document.array(fields["hausdorff"], 1, "hausdorff")[0])
+    return float(document.array(fields[name], 1, name)[0])
 
 
 def _sampling(document: Document, fields: dict[str, Element], fill: NDArray[np.uint8]) -> str:

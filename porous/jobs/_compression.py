@@ -66,7 +66,7 @@ def _on(mesh: VolumeMesh, body: Indices, side: str) -> Indices:
 def _why_not(mesh: VolumeMesh, body: Indices, between: int) -> str:
     count = int(body.max()) + 1
     apart = f"the mesh falls into {count} bodies that no face joins" if count > 1 else ""
-    joins = "contacts = 'fuse' or an offset joins what only touches"
+    joins = "where they only touch, contacts = 'fuse' or an offset joins them"
     if between:
         return (
             f"{apart}, and {between} of them reach from {FIXED} to {LOADED}, each by itself: a "

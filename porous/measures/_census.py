@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from porous.kernels.fills import tile_fills
 from porous.kernels.windows import FUNCTIONALS, tile_histogram
 from porous.measures._connected import Phase, Pieces, joined
 from porous.measures._fold import fold, tiles_of
+from porous.values import VoxelGrid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.measures._fold import Index, Tile
-    from porous.values import Frame, VoxelGrid
+    from porous.values import Frame
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,16 @@ def count_inner_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[n
         grid.fill, start, stop, periodic=grid.frame.periodic, beyond="nothing"
     )
     return result
+
+
+def continued(grid: VoxelGrid) -> VoxelGrid:
+    """Return the grid with one more layer at its upper ends: the last again, or the next period."""
+    fill = grid.fill
+    for axis, wraps in enumerate(grid.frame.periodic):
+        width = [(0, int(a == axis)) for a in range(3)]
+        fill = np.pad(fill, width, mode="wrap" if wraps else "edge")
+    frame = replace(grid.frame, shape=fill.shape, periodic=(False, False, False))
+    return VoxelGrid(frame, fill, sampling=grid.sampling)
 
 
 def count_coarse_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[np.int64]:
@@ -105,9 +116,14 @@ class Census:
         return fold(count_windows, self.grid, self.tiles)
 
     @cached_property
-    def inner_windows(self) -> NDArray[np.int64]:
-        """Windows that do not look beyond the frame."""
-        return fold(count_inner_windows, self.grid, self.tiles)
+    def continued_windows(self) -> NDArray[np.int64]:
+        """Windows of the solid where the outermost voxels go on beyond the frame.
+
+        As many as there are voxels, so that each direction has as many pairs: faces that end at
+        the frame are seen as large as they are, and the frame's own sides not at all.
+        """
+        grid = continued(self.grid)
+        return fold(count_inner_windows, grid, tiles_of(grid.frame.shape))
 
     @cached_property
     def coarse_windows(self) -> NDArray[np.int64]:

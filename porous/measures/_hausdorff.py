@@ -62,6 +62,8 @@ def hausdorff_distance(a: Subject, b: Subject, *, resolution: float | None = Non
     GridError, MeshError
         Where a set is empty, or a grid meets a surface.
     """
+    if resolution is not None and not 0 < resolution < math.inf:
+        raise GridError(f"resolution: got {resolution}; wanted a length above zero")
     unit = _unit(a) or _unit(b) or "mm"
     kinds = {type(a), type(b)}
     if VoxelGrid in kinds and SurfaceMesh in kinds:

@@ -19,6 +19,7 @@ from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
 from porous.measures._surface_area import surface_doubt
 from porous.values import Measures, SurfaceMesh, VolumeMesh, VoxelGrid
+from porous.values.surface_topology import check_closed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -86,6 +87,7 @@ def _grid_rows(grid: VoxelGrid) -> Iterator[Measure]:
 def _surface_rows(
     surface: SurfaceMesh, model: Model | None, grid: VoxelGrid | None
 ) -> Iterator[Measure]:
+    check_closed(surface)
     periodic = (False, False, False) if grid is None else grid.frame.periodic
     if grid is None:
         census = SurfaceCensus(surface, method="triangles" if model is None else EXACT)
@@ -110,8 +112,12 @@ def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: VoxelGrid | None) ->
         census.volume_doubt += TETRAHEDRA * total
     if grid is not None:
         amounts, voxel = Amounts(Census(grid)), grid.frame.voxel_volume
-        census.volume_doubt += abs(total - amounts.everywhere * voxel) + amounts.doubt * voxel
+        census.volume_doubt += (
+            abs(total - amounts.everywhere * voxel) + amounts.everywhere_doubt * voxel
+        )
     rows = {name: row(census) for name, row in VOLUME.items()}
+    if census.method == "tetrahedra" and model is not None and grid is None:
+        rows = _by_convention(rows, model)
     periodic = (False, False, False) if grid is None else grid.frame.periodic
     yield from _told(rows, periodic)
     bulk = _bulk_volume(model, grid)

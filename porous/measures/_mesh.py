@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 CAPS = ("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX")
 """Names of the triangles that close a surface where the frame cuts it."""
 
+GATHERED = 1e-12
+"""Relative to the body's size: how far an exact boundary's points may have been moved together."""
+
 ROUNDING = 4e-16
 """Relative error of a sum of products of coordinates, per term's size; numpy sums in pairs."""
 
@@ -60,8 +63,12 @@ class SurfaceCensus:
         self.periodic = periodic
         self.areas: Floats = np.linalg.norm(surface.area_vectors, axis=1)
         area, size = float(self.areas.sum()), float(np.abs(surface.corners).max(initial=0.0))
-        self.area_doubt = area_doubt + ROUNDING * len(self.areas) ** 0.5 * area
-        self.volume_doubt = volume_doubt + ROUNDING * size * area
+        moved = GATHERED * size if method == "exact boundary" else 0.0
+        sides = np.linalg.norm(surface.corners - np.roll(surface.corners, 1, axis=1), axis=2)
+        rounding = ROUNDING * len(self.areas) ** 0.5 * area
+        # A triangle whose corners move by d changes by no more than half its girth times d.
+        self.area_doubt = area_doubt + rounding + moved * float(sides.sum()) / 2
+        self.volume_doubt = volume_doubt + (ROUNDING * size + moved) * area
 
     @cached_property
     def shells(self) -> Indices:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,9 +65,11 @@ class Amounts:
         self.solid_count = int(histogram[128:, 128:].sum())
         # Where both end in a voxel, nobody knows how much of the one lies in the other.
         least = np.maximum(fills + bulks - 1, 0)
-        self.unknown = float((histogram * (np.minimum(fills, bulks) - least)).sum())
-        self.cuts = histogram[1:255, 1:].sum(axis=1)
-        self.jumps = counts.jumps.ravel()
+        apart = np.maximum(np.minimum(fills, bulks) - least, 0)
+        self.unknown = float((histogram * apart).sum())
+        self.cuts = histogram[1:255].sum(axis=1)
+        self.jumps = counts.jumps
+        self.shift = _shifted(census)
         if not self.bulk_count:
             raise GridError("porosity: the bulk has no voxel that is at least half in it")
 
@@ -78,7 +81,12 @@ class Amounts:
     @property
     def doubt(self) -> float:
         """Uncertainty of ``solid``, in voxels, by how the grid was sampled."""
-        return min(_DOUBTS[self.sampling](self) + self.unknown, self.bulk)
+        return min(self.everywhere_doubt + self.unknown, self.bulk)
+
+    @property
+    def everywhere_doubt(self) -> float:
+        """Uncertainty of ``everywhere``, in voxels, by how the grid was sampled."""
+        return math.hypot(_DOUBTS[self.sampling](self), self.shift)
 
     @property
     def count_doubt(self) -> float:
@@ -86,20 +94,35 @@ class Amounts:
         return abs(self.solid_count - self.solid) + self.doubt
 
 
+def _shifted(census: Census) -> float:
+    """Return the standard uncertainty of the volume whose boundary is off by up to so much.
+
+    In voxels: area × the error, which lies anywhere between its bounds (a rectangle's 1/√3).
+    """
+    error, frame = census.grid.sampling_error, census.frame
+    if not error:
+        return 0.0
+    counts = np.array([census.number(f"faces_{axis}") for axis in "xyz"], dtype=float)
+    # A voxel's share of all its faces' area is at least that of the surface in it.
+    steps = error / np.array(frame.spacing)
+    return float((counts * steps).sum()) / math.sqrt(3)
+
+
 def _fill_doubt(amounts: Amounts) -> float:
     # Voxels of one fill may all lie alike about one plane and share an error; those of different
     # fills do not. Flat faces along the lattice show few fills, oblique and curved ones many.
-    groups = np.append(amounts.cuts, amounts.jumps)
+    groups = np.append(amounts.cuts, amounts.jumps.ravel())
     return VOXEL * float(np.linalg.norm(groups))
 
 
 def _centre_doubt(amounts: Amounts) -> float:
-    # Faces in one plane of the lattice may be one face of the body and share an error.
-    return OFFSET * float(np.linalg.norm(np.append(amounts.cuts, amounts.jumps)))
+    # Faces across one axis may be those of parallel planes that are all rounded the same way.
+    return OFFSET * float(np.linalg.norm(np.append(amounts.cuts, amounts.jumps.sum(axis=1))))
 
 
 def _cover_doubt(amounts: Amounts) -> float:
-    return float(amounts.cut + amounts.jumps.sum())
+    # A cover holds the set and says no more of its volume than that it is no larger.
+    return amounts.everywhere
 
 
 _DOUBTS: dict[str, Callable[[Amounts], float]] = {
@@ -138,13 +161,13 @@ def _density_count(census: Census) -> Measure:
 def _volume_fill(census: Census) -> Measure:
     a, voxel = Amounts(census), census.frame.voxel_volume
     unit = f"{census.frame.unit}³"
-    return _row("volume", "voxel fill", a.everywhere * voxel, a.doubt * voxel, unit)
+    return _row("volume", "voxel fill", a.everywhere * voxel, a.everywhere_doubt * voxel, unit)
 
 
 def _volume_count(census: Census) -> Measure:
     a, voxel = Amounts(census), census.frame.voxel_volume
     count = census.number("cells")
-    doubt = abs(count - a.everywhere) + a.doubt
+    doubt = abs(count - a.everywhere) + a.everywhere_doubt
     return _row("volume", "voxel count", count * voxel, doubt * voxel, f"{census.frame.unit}³")
 
 
@@ -175,7 +198,9 @@ def porosity(grid: VoxelGrid, *, method: str = "voxel fill") -> Measure:
         The uncertainty is what sampling may have missed of the voxels that the surface crosses.
         At 64 points those of one fill may share an error, and so may full ones that meet empty ones
         in one lattice plane: ``VOXEL`` · √(Σ n²) for n of each group. Where only centres were asked
-        it is ``OFFSET`` instead; where the set was covered, all of them. Solids and pores thinner
+        it is ``OFFSET`` instead and a group is all planes across one axis; where the set was
+        covered, all that is solid. A boundary that was sampled off the body's
+        (``VoxelGrid.sampling_error``) adds area × error / √3. Solids and pores thinner
         than a voxel may escape the samples altogether; no grid can tell.
 
     Raises

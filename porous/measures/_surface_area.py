@@ -124,7 +124,7 @@ def surface_doubt(census: Census, surface: SurfaceMesh) -> tuple[float, float]:
     voxel faces (no triangle is oblique) is as in ``surface_area``.
     """
     amounts, voxel = Amounts(census), census.frame.voxel_volume
-    volume = abs(surface.volume - amounts.everywhere * voxel) + amounts.doubt * voxel
+    volume = abs(surface.volume - amounts.everywhere * voxel) + amounts.everywhere_doubt * voxel
     oblique = ((np.abs(surface.area_vectors) > 0).sum(axis=1) > 1).any()
     if not oblique:
         return volume, STAIRCASE * surface.area
@@ -168,28 +168,8 @@ def _caps(grid: VoxelGrid, axis: int) -> int:
     return int(sum((grid.fill.take(end, axis=axis) >= 128).sum() for end in (0, -1)))
 
 
-_SYMMETRIC = np.array(
-    [
-        [
-            sum(
-                (w >> a & 1) != (w >> b & 1)
-                for a in range(8)
-                for b in range(8)
-                if np.array_equal(direction, [(b >> s & 1) - (a >> s & 1) for s in (2, 1, 0)])
-            )
-            for w in range(256)
-        ]
-        for direction in DIRECTIONS
-    ]
-)
-_PAIRS = _SYMMETRIC.max(axis=1)
-
-
 def _interface_crofton(census: Census) -> Measure:
-    # Windows inside the frame are a sample of it: what they show on average, times its size.
-    windows = census.inner_windows
-    seen = max(1, int(windows.sum()))
-    crossings = windows @ _SYMMETRIC.T / _PAIRS * (census.frame.size / seen)
+    crossings = census.continued_windows @ CROSSINGS.T
     area, doubt = _crofton_area(crossings, census.frame.spacing)
     return _row(census, "interface_area", "crofton", area, doubt + _lost(census))
 

@@ -134,6 +134,27 @@ def sample_attractor(
     return _Net.about(automaton, balls, frame, offset).grown(frame, pattern, offset)
 
 
+def net_error(frame: Frame, offset: float) -> float:
+    """Return how far what ``sample_attractor`` draws may be from the true body, in its unit."""
+    return _net_error(_cells(frame, offset)[1])
+
+
+def _cells(frame: Frame, reach: float) -> tuple[Indices, Floats]:
+    """Return into how many cells of a net a voxel is split, and their edge lengths."""
+    h = np.array(frame.spacing)
+    finest = max(float(h.min()) / CELLS, reach / CELLS_OF_OFFSET)
+    split = np.maximum(np.ceil(h / finest * (1 - 1e-9)), 1).astype(np.int64)
+    return split, h / split
+
+
+def _net_error(cell: Floats) -> float:
+    # A point of the attractor is in a box with the point that marked a cell. Between the centres
+    # of two cells nothing is further from both points than one's far corners.
+    ends = 2 * float(cell.min()) / ENDS
+    far = math.hypot(cell[0] / 2, cell[1] / 2, cell[2])
+    return float(max(math.hypot(*(cell / 2)) + ends, far))
+
+
 @dataclass(frozen=True)
 class _Window:
     """A part of a lattice: first cell, numbers of cells, edge lengths of a cell."""
@@ -180,10 +201,7 @@ class _Net:
     @classmethod
     def about(cls, automaton: Automaton, balls: Floats, frame: Frame, reach: float) -> _Net:
         """Return the net of the part of an attractor within ``reach`` of a frame."""
-        h = np.array(frame.spacing)
-        finest = max(float(h.min()) / CELLS, reach / CELLS_OF_OFFSET)
-        split = np.maximum(np.ceil(h / finest * (1 - 1e-9)), 1).astype(np.int64)
-        cell = h / split
+        split, cell = _cells(frame, reach)
         lower, upper = _reached(automaton, balls, frame, reach)
         origin = np.array(frame.origin)
         start = np.floor((lower - origin) / cell).astype(np.int64) - 1
@@ -192,12 +210,7 @@ class _Net:
         size = float(cell.min()) / ENDS
         system, root = _system(automaton, balls.tobytes()), _root(automaton, frame, split)
         marks = window.marked(system, root, size, whole=False)
-        # A point of the attractor is in a box with the point that marked a cell. Between the
-        # centres of two cells nothing is further from both points than one's far corners.
-        error = max(
-            math.hypot(*(cell / 2)) + 2 * size, math.hypot(cell[0] / 2, cell[1] / 2, cell[2])
-        )
-        return cls(window, origin, marks, error)
+        return cls(window, origin, marks, _net_error(cell))
 
     def grown(self, frame: Frame, pattern: Pattern, radius: float) -> NDArray[np.uint64]:
         """Return the masks of the balls about the net's runs of cells along z."""

@@ -242,6 +242,22 @@ class IFS(Value):
             )
         return self.pieces.cover(frame)
 
+    @cached_property
+    def is_cut(self) -> bool:
+        """Whether the domain leaves out a part of the set."""
+        reach = self.offset + (self.contact_radius if self.contacts == "fuse" else 0.0)
+        whole = _natural_box(self.automaton, self.primitive).grown(reach)
+        return not self.domain.contains(whole, tolerance=1e-9 * max(whole.lengths))
+
+    def sampling_error(self, frame: Frame) -> float:
+        """Return how far the boundary that is sampled may lie from the body's, in ``unit``.
+
+        A grown attractor is drawn about a net of its points; other bodies are drawn as they are.
+        """
+        from porous.models.cover import net_error
+
+        return net_error(frame, self.offset) if self.level == "limit" else 0.0
+
     def boundary(self) -> SurfaceMesh:
         """Return the exact boundary.
 
@@ -333,7 +349,7 @@ def check_level(level: object) -> None:
     if level == "limit" or isinstance(level, CutSet):
         return
     if not isinstance(level, int | np.integer) or isinstance(level, bool):
-        raise ModelError(f'level: got {level!r}; wanted a number, {{ size = … }} or "limit"')
+        raise ModelError(f'level: got {level!r}; wanted a whole number, CutSet(size) or "limit"')
     if not 0 <= level <= DEEPEST:
         raise ModelError(f"level: got {level}; wanted 0 … {DEEPEST}")
 

@@ -92,6 +92,18 @@ class HasFill(Protocol):
 
 
 @runtime_checkable
+class HasDoubts(Protocol):
+    """A model that knows where its voxels say less than they seem to."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the domain leaves out a part of the set."""
+
+    def sampling_error(self, frame: Frame) -> float:
+        """Return how far the boundary that is sampled may lie from the set's, in ``unit``."""
+
+
+@runtime_checkable
 class HasFeature(Protocol):
     """A model that may know how small its details are."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from porous.errors import GridError
 from porous.memory import available, check_memory
-from porous.models.model import HasCover, HasFeature, HasFill
+from porous.models.model import HasCover, HasDoubts, HasFeature, HasFill
 from porous.values import CENTRE, FILL, Frame, VoxelGrid
 from porous.values.grid import SAMPLINGS
 from porous.values.value import adopted
@@ -98,7 +98,11 @@ def voxelize(
     _check_memory(frame, 1 if whole else 2)
     fill, hausdorff = _sampled(model, frame, sampling, _Report(progress))
     bulk = None if whole else adopted(_bulk(model.bulk, frame))
-    return VoxelGrid(frame, adopted(fill), bulk, sampling, hausdorff)
+    error = 0.0
+    if isinstance(model, HasDoubts):
+        error = model.sampling_error(frame) if sampling != "cover" else 0.0
+        hausdorff = None if model.is_cut else hausdorff
+    return VoxelGrid(frame, adopted(fill), bulk, sampling, hausdorff, error)
 
 
 class _Report:
@@ -151,7 +155,9 @@ def _check_memory(frame: Frame, bytes_each: int) -> None:
     check_memory(
         needed,
         f"a grid of {' × '.join(map(str, frame.shape))} voxels",
-        f"Choose voxels = {fits} or fewer along the longest edge.",
+        f"Choose voxels = {fits} or fewer along the longest edge."
+        if fits
+        else "Not even one voxel would fit: allow more memory.",
         limit=free,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,7 +34,10 @@ class VoxelGrid(Value):
     sampling
         How ``fill`` was made: fill, centre or cover.
     hausdorff
-        A bound on the Hausdorff distance between the solid voxels and the set, in ``frame.unit``.
+        A bound on the Hausdorff distance between the solid voxels and the set, in ``frame.unit``;
+        None where there is none, as where the frame cuts the set.
+    sampling_error
+        How far the boundary of what was sampled may lie from that of the set, in ``frame.unit``.
 
     Raises
     ------
@@ -43,10 +46,11 @@ class VoxelGrid(Value):
     """
 
     frame: Frame
-    fill: NDArray[np.uint8]
-    bulk: NDArray[np.uint8] | None = None
+    fill: NDArray[np.uint8] = field(repr=False)
+    bulk: NDArray[np.uint8] | None = field(default=None, repr=False)
     sampling: str = "fill"
     hausdorff: float | None = None
+    sampling_error: float = 0.0
 
     def __post_init__(self) -> None:
         self._set("fill", _bytes(self.fill, "fill", self.frame))
@@ -56,6 +60,8 @@ class VoxelGrid(Value):
             raise GridError(f"sampling: got {self.sampling!r}; wanted one of {SAMPLINGS}")
         if self.hausdorff is not None and not self.hausdorff >= 0:
             raise GridError(f"hausdorff: got {self.hausdorff}; wanted a distance or None")
+        if not 0 <= self.sampling_error < np.inf:
+            raise GridError(f"sampling_error: got {self.sampling_error}; wanted a distance")
 
     @classmethod
     def of_solid(

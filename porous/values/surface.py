@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,10 +40,10 @@ class SurfaceMesh(Value):
         For NaN points or indices out of range. Whether the surface is closed is not asked here.
     """
 
-    points: NDArray[np.float64]
-    triangles: NDArray[np.int64]
+    points: NDArray[np.float64] = field(repr=False)
+    triangles: NDArray[np.int64] = field(repr=False)
     unit: str = "mm"
-    labels: NDArray[np.int16] | None = None
+    labels: NDArray[np.int16] | None = field(default=None, repr=False)
     names: tuple[str, ...] = ("WALL",)
 
     def __post_init__(self) -> None:
