@@ -6,7 +6,6 @@ parent's. Control points are all that is transformed; the descent multiplies the
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -182,9 +181,6 @@ class Automaton(Value):
 
     def _content(self) -> tuple[object, ...]:
         return self.states, self.transitions, self.start
-
-    def __getstate__(self) -> dict[str, object]:
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
 
 class Cells(NamedTuple):

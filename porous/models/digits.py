@@ -74,9 +74,6 @@ class DigitSet(Value):
     def _content(self) -> tuple[object, ...]:
         return self.divisions, self.keep
 
-    def __getstate__(self) -> dict[str, object]:
-        return {"divisions": self.divisions, "keep": self.keep}
-
 
 def named(name: str, divisions: int | None = None) -> DigitSet:
     """Return a digit set by its name, or raise ``ModelError`` listing what there is.

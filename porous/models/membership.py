@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import ModelError
+from porous.values.surface_topology import winding_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,7 +63,7 @@ def contains(primitive: Primitive, points: Floats) -> NDArray[np.bool_]:
     if primitive.convex:
         heights = points @ primitive.planes[:, :3].T - primitive.planes[:, 3]
         return np.asarray(heights.max(axis=1) <= 0)
-    return _winding(primitive.points[primitive.triangles], points) > 0.5
+    return winding_numbers(primitive.points[primitive.triangles], points) > 0.5
 
 
 def check_invertible(frames: Floats) -> None:
@@ -75,13 +76,3 @@ def check_invertible(frames: Floats) -> None:
             f"maps: {len(flat)} of {len(frames)} cells are flattened by their maps and have no "
             "inside; wanted matrices with a determinant other than zero"
         )
-
-
-def _winding(corners: Floats, points: Floats) -> Floats:
-    """Return how often triangles (t, 3, 3) wind round points (van Oosterom, Strackee 1983)."""
-    a, b, c = (corners[None, :, i] - points[:, None] for i in range(3))
-    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-    ab, bc, ca = ((u * v).sum(axis=2) for u, v in ((a, b), (b, c), (c, a)))
-    triple = (a * np.cross(b, c)).sum(axis=2)
-    angle = np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return np.asarray(angle.sum(axis=1) / (2 * np.pi))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -147,9 +146,6 @@ class Pieces(Value):
 
     def _content(self) -> tuple[object, ...]:
         return self.primitive, self.frames, self.offset, self.balls
-
-    def __getstate__(self) -> dict[str, object]:
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
 
 @dataclass(frozen=True)

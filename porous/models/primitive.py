@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ import numpy as np
 
 from porous.errors import MeshError, ModelError
 from porous.values import Box, SurfaceMesh
-from porous.values.surface_topology import check_closed, defects, joined, pieces
+from porous.values.surface_topology import check_closed, defects, joined, pieces, winding_numbers
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
@@ -159,9 +158,6 @@ class Primitive(Value):
     def _content(self) -> tuple[object, ...]:
         return self.name, self.points, self.triangles, self.convex, self.radius
 
-    def __getstate__(self) -> dict[str, object]:
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-
 
 def named(name: str) -> Primitive:
     """Return a primitive of the unit cube by its name, one of ``NAMES``.
@@ -220,21 +216,11 @@ def _check_shells(surface: SurfaceMesh) -> None:
         if part.volume >= 0:
             continue
         place = surface.points[part.triangles[0, 0]]
-        if _winding(surface.corners[shell != index], place) < 0.5:
+        if winding_numbers(surface.corners[shell != index], place[None])[0] < 0.5:
             raise MeshError(
                 f"surface: the shell at {tuple(place.tolist())} is inside out and lies in no other "
                 "shell as a cavity; wanted triangles counter-clockwise seen from outside"
             )
-
-
-def _winding(corners: Points, place: Points) -> float:
-    """Return how often triangles (t, 3, 3) wind round a place (van Oosterom, Strackee 1983)."""
-    a, b, c = np.moveaxis(corners - place, 1, 0)
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-    ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
-    angle = 2 * np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return float(angle.sum() / (4 * math.pi))
 
 
 def _is_convex(solid: Primitive) -> bool:

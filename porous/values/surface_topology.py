@@ -218,3 +218,18 @@ def _hole_message(surface: SurfaceMesh, rim: Indices) -> str:
 def _segment(surface: SurfaceMesh, ends: Indices) -> str:
     a, b = ("(" + ", ".join(f"{v:.6g}" for v in surface.points[i]) + ")" for i in ends)
     return f"from {a} to {b}"
+
+
+def winding_numbers(
+    corners: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how often triangles (t, 3, 3) wind round each point (n, 3), shape (n,).
+
+    A. van Oosterom and J. Strackee 1983, IEEE Trans. Biomed. Eng. 30:125: 1 inside, 0 outside.
+    """
+    a, b, c = (corners[None, :, i] - points[:, None] for i in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    ab, bc, ca = ((u * v).sum(axis=2) for u, v in ((a, b), (b, c), (c, a)))
+    triple = (a * np.cross(b, c)).sum(axis=2)
+    angle = np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return np.asarray(angle.sum(axis=1) / (2 * np.pi))

@@ -97,9 +97,12 @@ class Value:
         object.__setattr__(self, name, value)
 
     def __getstate__(self) -> dict[str, object]:
+        # The fields alone: what a cached property remembers can be found again.
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]
+        content = {name: self.__dict__[name] for name in names}
         return {
-            key: dict(value) if isinstance(value, MappingProxyType) else value
-            for key, value in self.__dict__.items()
+            name: dict(value) if isinstance(value, MappingProxyType) else value
+            for name, value in content.items()
         }
 
     def __setstate__(self, state: dict[str, object]) -> None:
