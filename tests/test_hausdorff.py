@@ -8,7 +8,7 @@ import naive_measures
 import numpy as np
 import pytest
 
-from porous import ifs, measures, voxelize
+from porous import build, ifs, load, measures, voxelize
 from porous.errors import GridError, MeshError
 from porous.measures import hausdorff_distance
 from porous.values import Frame, SurfaceMesh, VoxelGrid
@@ -213,3 +213,18 @@ def test_what_cannot_be_compared_is_refused():
     for bad in (np.zeros((0, 3)), np.zeros((3, 2)), np.full((2, 3), np.nan)):
         with pytest.raises(MeshError, match="wanted"):
             measures.hausdorff_distance(bad, np.zeros((1, 3)))
+
+
+def test_a_shape_that_is_not_convex_comes_as_near_level_by_level():
+    # d(Fⁿ(K), A) ≤ 3⁻ⁿ d(K, A), for crossing bars as for any other closed mesh.
+    def crosses(level):
+        recipe = load("menger-crosses", set={"model.level": level})
+        return voxelize(build(recipe), voxels=81, sampling="cover")
+
+    sponge = crosses("limit")
+    distances = [hausdorff_distance(crosses(level), sponge) for level in range(4)]
+    furthest = distances[0].value + distances[0].uncertainty
+    for level, distance in enumerate(distances):
+        assert distance.value - distance.uncertainty <= furthest * 3.0**-level
+    assert distances[0].value > math.sqrt(2) / 4 - distances[0].uncertainty  # a corner of the cube
+    assert all(near.value < 0.6 * far.value for far, near in pairwise(distances[:3]))
