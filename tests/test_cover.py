@@ -354,3 +354,13 @@ def test_a_mesh_that_is_hollow_keeps_its_hole():
     outside = ((high < 0) | (low > 1)).any(axis=-1)
     hollow = ((low > 0.2) & (high < 0.8)).all(axis=-1)
     assert np.array_equal(marks == 0, outside | hollow)
+
+
+def test_a_state_without_transitions_is_no_part_of_a_limit():
+    unit = np.vstack([np.zeros(3), np.eye(3)]).T
+    states = (State("cell", unit), State("strut", unit))
+    matrix = np.eye(4) / 2 + np.outer(np.eye(4)[0], np.full(4, 0.5))  # x → x / 2
+    automaton = Automaton(states, (Transition(0, 0, matrix), Transition(0, 1, matrix)))
+    frame = Frame((0, 0, 0), (0.1, 0.11, 0.12), (10, 9, 8))
+    with pytest.raises(ModelError, match="'strut': has no transitions"):
+        cover_attractor(automaton, enclosing_balls(automaton), frame)

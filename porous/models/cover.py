@@ -264,6 +264,12 @@ def _system(automaton: Automaton, given: bytes) -> System:
     rows = np.unique(rows + 0.0, axis=0)
     sources, targets = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
     first = np.searchsorted(sources, np.arange(len(automaton.states) + 1))
+    final = np.flatnonzero(np.diff(first) == 0)
+    if len(final):
+        raise ModelError(
+            f"state {automaton.states[final[0]].name!r}: has no transitions, so nothing says what "
+            "of it belongs to the limit; wanted transitions from every state, or a level"
+        )
     maps = rows[:, 2:].reshape(-1, 3, 4)
     balls, blocks = _tightened(first, targets, maps, balls)
     points = np.array(
