@@ -102,6 +102,17 @@ def test_topology_of_every_presets_fill(name):
     assert_solids_topology(extract_surface(grid), grid.fill)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", presets.names())
+def test_topology_of_every_presets_own_grid(name):
+    recipe = load(name)
+    how = recipe.voxels
+    grid = voxelize(
+        build(recipe), voxels=how.voxels, spacing=how.spacing, per_feature=how.per_feature
+    )
+    assert_solids_topology(extract_surface(grid), grid.fill)
+
+
 @pytest.mark.parametrize("nz", [1, 61, 62, 63, 64, 126, 127, 128])
 def test_rows_across_words(nz):
     fill = np.random.default_rng(nz).integers(0, 256, (2, 3, nz)).astype(np.uint8)

@@ -5,12 +5,17 @@ from itertools import product
 import naive_measures
 import numpy as np
 import pytest
+from skimage.measure import euler_number as skeuler
 
-from porous import measures
+from porous import ifs, measures, voxelize
 from porous.models.digits import DigitSet
 from porous.models.oracle import Prefractal
 from porous.values import Frame, VoxelGrid
 
+measures_of = {
+    "euler_number": measures.euler_number,
+    "euler_number_26": measures.euler_number_26,
+}
 THREE = list(product(range(3), repeat=3))
 
 
@@ -145,6 +150,28 @@ def test_random_sets_equal_brute_force_at_level_two(seed):
     divisions, keep = random_digits(seed)
     solid = prefractal(divisions, keep, 2)
     assert counted(solid) == by_hand(solid)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_random_sets_as_models_equal_scikit_image_at_every_level(seed):
+    divisions, keep = random_digits(seed)
+    for level in (1, 2, 3):
+        solid = prefractal(divisions, keep, level)
+        digits = DigitSet(divisions, keep)
+        grid = voxelize(ifs(digits, level=level), voxels=divisions**level, sampling="centre")
+        assert np.array_equal(grid.solid, solid)
+        padded = np.pad(solid, 1)
+        faces = sum(int((np.diff(padded.astype(np.int8), axis=a) != 0).sum()) for a in range(3))
+        closed = Prefractal(digits, level)
+        h = 1 / divisions**level
+        area = measures.surface_area(grid, method="voxel faces").value
+        assert area == pytest.approx(faces * h**2, rel=1e-12)
+        assert closed.count("cells") == solid.sum() == int(grid.solid.sum())
+        assert sum(closed.count(f"faces_{axis}") for axis in "xyz") == faces
+        for name, connectivity in (("euler_number", 1), ("euler_number_26", 3)):
+            judged = skeuler(padded, connectivity=connectivity)
+            assert closed.count(name) == judged == measures_of[name](grid).value
 
 
 @pytest.mark.parametrize("name", SETS)
