@@ -13,7 +13,6 @@ from porous.models.contraction import (
     check_contracts,
     contractivity,
     dobrushin,
-    kronecker_bound,
     shrinks,
 )
 from porous.models.digits import named
@@ -53,17 +52,6 @@ def test_maps_that_stretch_but_contract_together():
     assert found.answer == "yes"
     assert found.lower == pytest.approx(np.sqrt(0.6), abs=1e-9)
     assert found.upper == pytest.approx(np.sqrt(0.6), abs=1e-6)
-
-
-def test_kronecker_bounds():
-    fern = np.array(FERN)
-    pair = np.array([ROTATING, -ROTATING])
-    assert [kronecker_bound(fern, p) for p in (1, 2, 3)] == pytest.approx(
-        [0.98146, 0.86080, 0.85197], abs=5e-6
-    )
-    assert [kronecker_bound(pair, p) for p in (1, 2, 3)] == pytest.approx(
-        [1.0954, 0.9212, 0.8695], abs=5e-5
-    )
 
 
 def test_a_word_that_stretches_is_named():

@@ -123,21 +123,6 @@ def check_contracts(automaton: Automaton) -> Contractivity:
     return result
 
 
-def kronecker_bound(matrices: NDArray[np.float64], order: int = 1) -> float:
-    """Return ρ(Σ Aᵢ^⊗2p)^(1/2p) for p = ``order``, which no joint spectral radius exceeds.
-
-    Blondel & Nesterov 2005; at most N^(1/2p) times too large. In floating point: a diagnosis, not
-    a certificate.
-    """
-    total = np.zeros(())
-    for matrix in matrices:
-        power = np.ones((1, 1))
-        for _ in range(2 * order):
-            power = np.kron(power, matrix)
-        total = total + power
-    return float(np.abs(np.linalg.eigvals(total)).max() ** (1 / (2 * order)))
-
-
 def shrinks(matrix: NDArray[np.float64], *more: NDArray[np.float64]) -> bool:
     """Tell exactly whether the product of matrices has a spectral radius below one.
 
