@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from porous.values import Box, Frame, Measure, Pattern, SurfaceMesh
+    from porous.values import Box, Frame, Measure, Pattern, SurfaceMesh, VolumeMesh
 
 
 @runtime_checkable
@@ -62,6 +62,29 @@ class HasBoundary(Protocol):
 
         Raises ``ModelError`` where its topology would not be certain.
         """
+
+
+@runtime_checkable
+class HasCells(Protocol):
+    """A model whose level-n cells are a conforming mesh by construction."""
+
+    def cell_mesh(self) -> VolumeMesh:
+        """Return the cells with shared nodes, named parts and their addresses as tags.
+
+        Raises ``ModelError`` where cells are folded (naming the address) or are no volumes.
+        """
+
+
+@runtime_checkable
+class HasBulk(Protocol):
+    """A model whose bulk is another body than the box ``bulk``, which encloses it."""
+
+    @property
+    def bulk_volume(self) -> float:
+        """Volume of the body that porosity refers to, in ``unit`` cubed."""
+
+    def sample_bulk(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
+        """Return the masks of the body that porosity refers to, as ``Model.sample`` does."""
 
 
 @runtime_checkable
