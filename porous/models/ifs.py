@@ -39,7 +39,6 @@ from porous.models.sections import (
     Section,
     SizeSection,
 )
-from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value
 
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from porous.models.pieces import Pieces
-    from porous.values import Frame, Measure, Pattern, SurfaceMesh
+    from porous.values import Box, Frame, Measure, Pattern, SurfaceMesh
 
 KIND = "ifs"
 
@@ -540,8 +539,8 @@ def _built(
         scaled,
         level,
         solid,
-        domain=_scaled(sampled, scale),
-        bulk=_scaled(bulk or sampled, scale),
+        domain=sampled.scaled(scale),
+        bulk=(bulk or sampled).scaled(scale),
         offset=float(offset),
         contacts=contacts,
         contact_radius=contact_radius or 0.0,
@@ -580,8 +579,3 @@ def _check_regular(automaton: Automaton) -> None:
             f"maps[{flat[0]}]: got a singular matrix, which flattens the primitive; wanted one "
             'with an inverse, or level = "limit" with an offset'
         )
-
-
-def _scaled(box: Box, factor: float) -> Box:
-    lower, upper = (tuple(v * factor for v in corner) for corner in (box.lower, box.upper))
-    return Box(lower, upper)  # type: ignore[arg-type]

@@ -66,6 +66,13 @@ class Box(Value):
         x, y, z = zip(self.lower, self.upper, strict=True)
         return tuple((a, b, c) for a in x for b in y for c in z)
 
+    def scaled(self, factor: float) -> Box:
+        """Return the box whose corners are ``factor`` times as far from the origin."""
+        lower, upper = (
+            (x * factor, y * factor, z * factor) for x, y, z in (self.lower, self.upper)
+        )
+        return Box(lower, upper)
+
     def grown(self, distance: float) -> Box:
         """Return the box pushed outwards by ``distance`` on every side."""
         return Box(
