@@ -3,6 +3,7 @@
 from porous.stages._exact_surface import exact_surface
 from porous.stages._extract_surface import extract_surface
 from porous.stages._hexahedralize import hexahedralize
+from porous.stages._mesh_cells import mesh_cells
 from porous.stages._name_parts import name_parts
 from porous.stages._tetrahedralize import tetrahedralize
 from porous.stages._voxelize import voxelize
@@ -11,6 +12,7 @@ __all__ = [
     "exact_surface",
     "extract_surface",
     "hexahedralize",
+    "mesh_cells",
     "name_parts",
     "tetrahedralize",
     "voxelize",
