@@ -1,0 +1,313 @@
+"""Boundary-controlled iterated function systems: cells that share faces, edges and vertices."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from porous.errors import ModelError, nearest
+from porous.models.automaton import DEEPEST
+from porous.models.builders import Options, Texture, build_cell, builders
+from porous.models.cell_body import CellBody, thinnest
+from porous.models.cell_system import CellSystem, natural_box
+from porous.models.contraction import check_contracts
+from porous.models.digits import DigitSet, named
+from porous.models.sections import BoxSection, DigitsSection, Section, Triple
+from porous.models.solve import solve
+from porous.models.states import StateSection, build_states
+from porous.models.swept_body import Sweep, SweptBody
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from porous.models.brep import BRep, CellState
+    from porous.values import Box
+
+    Floats = NDArray[np.float64]
+
+KIND = "bcifs"
+
+BOX_TOLERANCE = 1e-3
+"""How far too wide the certified box may be, as a part of the controls' longest extent."""
+
+COINCIDENT = 1e-9
+"""Control points closer than this part of their extent are one."""
+
+FUSED = 0.25
+"""Radius of what fuses contacts where none is given, as a part of the thinnest cell."""
+
+Numbers = Annotated[tuple[float, ...], Field(strict=False, min_length=1)]
+Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+Contacts = Literal["apart", "fuse", "shared"]
+
+
+class TextureSection(Section):
+    """The curve rule of a cell's edges: where their pieces end, and how far these bulge."""
+
+    edge: float | Numbers | None = Field(
+        default=None,
+        description="r: the bulge of each piece of an edge, in parts of the edge's own; one number "
+        "or one for each division",
+    )
+    bump: float | Numbers | None = Field(
+        default=None,
+        description="h: how far each point between pieces lies towards the middle control; one "
+        "number or one for each such point",
+    )
+
+
+class SweepSection(Section):
+    """What is drawn along cells in place of the solid cells."""
+
+    along: Annotated[
+        tuple[
+            Literal["vertices", "edges", "faces", "face-diagonals", "body-diagonals"],
+            ...,
+        ],
+        Field(strict=False, min_length=1),
+    ] = Field(description="some of vertices, edges, faces, face-diagonals, body-diagonals")
+    radius: float | Numbers = Field(
+        description="of the ball that sweeps them, above zero, in unit; or one for each level"
+    )
+
+
+class BCIFSSection(Section):
+    """The ``[model]`` table of a boundary-controlled iterated function system."""
+
+    kind: Literal["bcifs"] = Field(description='"bcifs"')
+    cell: str | None = Field(default=None, description=f"one of {', '.join(builders())}")
+    states: Annotated[tuple[StateSection, ...], Field(strict=False, min_length=1)] | None = Field(
+        default=None, description="tables of one's own states, in place of cell"
+    )
+    start: str | None = Field(default=None, description="the name of the level-0 cell's state")
+    level: int = Field(default=2, ge=0, le=DEEPEST, description="a whole number, zero or more")
+    digits: (
+        DigitsSection
+        | Annotated[tuple[DigitsSection, ...], Field(strict=False, min_length=1)]
+        | None
+    ) = Field(
+        default=None,
+        description="{ divisions = N, keep = a list or a name }; or a list of these, one for each "
+        "level, of which the last holds below",
+    )
+    keep: dict[str, Names] | None = Field(
+        default=None, description="the names of the children that each state keeps"
+    )
+    texture: TextureSection | None = Field(
+        default=None, description="{ edge = r, bump = h } of cells with 27 controls"
+    )
+    moves: dict[str, Numbers] = Field(
+        default_factory=dict, description="free points by name, and how far each is moved"
+    )
+    controls: Annotated[tuple[Triple, ...], Field(strict=False, min_length=1)] | None = Field(
+        default=None, description="the control points [x, y, z] of the level-0 cell"
+    )
+    size: float | None = Field(
+        default=None, gt=0, description="length of the domain's longest edge, in unit"
+    )
+    unit: Literal["nm", "um", "mm", "cm", "m", "in"] = Field(
+        default="mm", description="nm, um, mm, cm, m or in"
+    )
+    draw: Literal["cell"] | SweepSection = Field(
+        default="cell", description='"cell" or { along = ["edges"], radius = 0.05 }'
+    )
+    offset: float = Field(default=0.0, ge=0, description="a length, zero or more, in unit")
+    contacts: Contacts = Field(default="apart", description='"apart", "fuse" or "shared"')
+    contact_radius: float | None = Field(
+        default=None,
+        gt=0,
+        description=f"a length above zero, in unit; {FUSED:g} of the thinnest cell if left out",
+    )
+    domain: BoxSection | None = Field(
+        default=None, description="{ lower = [x, y, z], upper = [x, y, z] }"
+    )
+    bulk: BoxSection | None = Field(
+        default=None, description="{ lower = [x, y, z], upper = [x, y, z] }"
+    )
+
+    @model_validator(mode="after")
+    def _one_system(self) -> Self:
+        if (self.cell is None) == (self.states is None):
+            got = "both" if self.cell else "neither"
+            raise ValueError(f"got {got} of cell and states; wanted one")
+        if self.cell is not None and self.cell not in builders():
+            raise ValueError(f"no cell {self.cell!r}{nearest(self.cell, builders())}")
+        if self.states is not None:
+            for name in ("digits", "keep", "texture"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"{name}: shapes a built-in cell; got states of one's own")
+        if self.cell == "beam" and self.draw == "cell":
+            raise ValueError('draw: wanted { along = ["edges"], radius = … } for cell = "beam"')
+        return self
+
+    def digit_sets(self) -> tuple[DigitSet, ...]:
+        """Return the digit set of each level."""
+        if self.digits is None:
+            return ()
+        listed = self.digits if isinstance(self.digits, tuple) else (self.digits,)
+        return tuple(each.digits() for each in listed)
+
+
+def build(section: BCIFSSection, _: Path) -> CellSystem:
+    """Return the model of a recipe's section; it reads no files.
+
+    Raises
+    ------
+    ModelError
+        Where there is no such model: constraints that contradict each other (names them), cells
+        that do not contract (names the word), control points that coincide, …
+    """
+    brep = _brep(section)
+    level = section.level
+    return bcifs(
+        brep,
+        level=level,
+        controls=None if section.controls is None else np.array(section.controls).T,
+        moves=section.moves,
+        digits=section.digit_sets() or _default_digits(brep),
+        draw=None if isinstance(section.draw, str) else _sweep(section.draw, level),
+        domain=section.domain.box() if section.domain else None,
+        bulk=section.bulk.box() if section.bulk else None,
+        **section.model_dump(include={"size", "unit", "offset", "contacts", "contact_radius"}),
+    )
+
+
+def bcifs(
+    brep: BRep,
+    *,
+    level: int = 2,
+    controls: ArrayLike | None = None,
+    moves: Mapping[str, ArrayLike] | None = None,
+    digits: Sequence[DigitSet] = (),
+    draw: Sweep | None = None,
+    size: float | None = None,
+    unit: str = "mm",
+    offset: float = 0.0,
+    contacts: Contacts = "apart",
+    contact_radius: float | None = None,
+    domain: Box | None = None,
+    bulk: Box | None = None,
+) -> CellSystem:
+    """Return the model of cells with boundaries: solid cells, or what is swept along them.
+
+    Parameters
+    ----------
+    brep
+        The states with their boundaries and constraints.
+    level
+        Zero or more.
+    controls
+        Control points of the level-0 cell, (3, m), in ``unit``; those of its reference cell where
+        not given. Eight corners serve a cell of 27 controls, whose others are put midway.
+    moves
+        Displacements of free points by the names of their sliders; see ``models.solve``.
+    digits
+        The digit set of each level where cells are those of cubes: closed forms are known then.
+    draw
+        What is swept along the cells; the solid cells where not given.
+    size
+        Length of the domain's longest edge, in ``unit``; controls are in ``unit`` where not given.
+    unit
+        nm, um, mm, cm, m or in.
+    offset
+        Radius of the ball added, in ``unit``.
+    contacts
+        ``"apart"``, ``"fuse"`` (balls and beams where solid cells meet in points and edges alone)
+        or ``"shared"`` (cell meshes share nodes there).
+    contact_radius
+        Of what fuses, in ``unit``; ``FUSED`` of the thinnest cell where not given.
+    domain, bulk
+        Boxes in place of those that follow, in the controls' own unit.
+
+    Raises
+    ------
+    ModelError
+        As ``build``.
+    """
+    solution = solve(brep, moves)
+    given = _controls(brep.states[brep.start], controls)
+    check_contracts(solution.automaton(given))
+    box = domain or natural_box(solution, given, BOX_TOLERANCE)
+    scale = 1.0 if size is None else float(size) / max(box.lengths)
+    system = CellSystem(
+        solution,
+        given * scale,
+        level,
+        box.scaled(scale),
+        unit,
+        tuple(digits),
+        bulk.scaled(scale) if bulk else None,
+    )
+    shared = {name: getattr(system, name) for name in CellSystem.__dataclass_fields__}
+    if draw is None and not offset and contacts != "fuse":
+        return CellBody(**shared, contacts=contacts)
+    if draw is not None and contacts != "apart":
+        raise ModelError(f'contacts: got "{contacts}"; what is swept has none: wanted "apart"')
+    radius = 0.0
+    if contacts == "fuse":
+        radius = contact_radius or FUSED * min(thinnest(system))
+    reach = offset + (draw.radius if draw else 0.0)
+    if domain is None:
+        shared["domain"] = system.domain.grown(reach)
+    return SweptBody(**shared, sweep=draw, offset=float(offset), fused=radius)
+
+
+def _brep(section: BCIFSSection) -> BRep:
+    if section.states is not None:
+        return build_states(section.states, section.start)
+    assert section.cell is not None
+    texture = section.texture
+    return build_cell(
+        Options(
+            cell=section.cell,
+            digits=section.digit_sets(),
+            texture=None if texture is None else Texture(edge=texture.edge, bump=texture.bump),
+            keep=section.keep,
+            controls=None if section.controls is None else len(section.controls),
+            start=section.start,
+        )
+    )
+
+
+def _default_digits(brep: BRep) -> tuple[DigitSet, ...]:
+    return (named("full-2"),) if brep.states[brep.start].shape == "hexa" else ()
+
+
+def _sweep(section: SweepSection, level: int) -> Sweep:
+    radii = section.radius if isinstance(section.radius, tuple) else (section.radius,)
+    return Sweep(section.along, radii[min(level, len(radii) - 1)])
+
+
+def _controls(state: CellState, given: ArrayLike | None) -> Floats:
+    """Return the level-0 cell's controls, or say which are missing or coincide."""
+    controls = state.controls if given is None else np.asarray(given, np.float64)
+    if controls.shape == (3, 8) and state.size == 27:
+        controls = _midway(controls)
+    if controls.shape != state.controls.shape:
+        raise ModelError(
+            f"controls: got {controls.shape[-1]} points; wanted {state.size}, those of "
+            f"{state.name}" + (", or its 8 corners" if state.size == 27 else "")
+        )
+    if not np.isfinite(controls).all():
+        raise ModelError("controls: wanted finite numbers")
+    size = float(np.ptp(controls, axis=1).max())
+    gaps = np.abs(controls[:, :, None] - controls[:, None]).max(axis=0)
+    pairs = np.argwhere(np.triu(gaps <= COINCIDENT * size, 1))
+    if len(pairs):
+        i, j = pairs[0]
+        raise ModelError(
+            f"controls: {i} and {j} coincide at {tuple(controls[:, i].tolist())}; "
+            "wanted points apart from each other"
+        )
+    return controls
+
+
+def _midway(corners: Floats) -> Floats:
+    """Return 27 controls whose edges, faces and middle lie midway between 8 corners."""
+    line = np.array([[1, 0.5, 0], [0, 0.5, 1]])
+    return np.asarray(corners @ np.kron(line, np.kron(line, line)))

@@ -1,0 +1,178 @@
+"""What is known in closed form of bodies of cells: volumes, and topology by counting.
+
+Counts come from powers of the matrix that says which entities an entity is split into, volumes from
+the ratios of children or the moments of digits: neither looks at the cells of the level.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.models.brep import MATCHING
+from porous.models.cell_body import SPLITS
+from porous.models.hexa_volume import block_volume
+from porous.models.oracle import Prefractal
+from porous.models.simplices import volumes
+from porous.values import Measure
+from porous.values.surface_topology import joined
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from porous.models.brep import BRep
+    from porous.models.cell_body import CellBody
+    from porous.models.solve import Solution
+
+    Floats = NDArray[np.float64]
+
+METHOD = "closed form"
+
+
+def exact_measures(body: CellBody) -> tuple[Measure, ...]:
+    """Return volume, porosity, area and topology of a body of cells, as far as they are known.
+
+    Volumes of cells that are affine images of their state's reference cell, and of blocks with
+    eight controls however bent; areas of straight cubes; the closed union's Euler number and pieces
+    (``_26``) of every system, those of 6-connected solids of digit sets and of cells that are
+    joined by faces.
+    """
+    return (*_volumes(body), *_areas(body), *_topology(body))
+
+
+def _row(name: str, value: float, unit: str = "1") -> Measure:
+    return Measure(name, float(value), unit, METHOD, 0.0, "exact", "model")
+
+
+def _volumes(body: CellBody) -> Iterator[Measure]:
+    volume = affine_volume(body.solution, body.controls, body.level)
+    if volume is None and body.digits and body.controls.shape[1] == 8:
+        volume = block_volume(body.controls, body.digits_by_level)
+    if volume is None:
+        return
+    density = volume / body.bulk_volume
+    yield _row("volume", volume, f"{body.unit}³")
+    yield _row("porosity", 1 - density)
+    yield _row("relative_density", density)
+
+
+def _areas(body: CellBody) -> Iterator[Measure]:
+    """Yield the area of a straight cube with one digit set: its faces, counted."""
+    edge = _cube_edge(body)
+    if edge is None or len(set(body.digits)) != 1:
+        return
+    counted = Prefractal(body.digits[0], body.level)
+    area = counted.faces * (edge / body.digits[0].divisions ** body.level) ** 2
+    yield _row("surface_area", area, f"{body.unit}²")
+    yield _row("specific_surface_area", area / body.bulk_volume, f"1/{body.unit}")
+
+
+def _cube_edge(body: CellBody) -> float | None:
+    if body.controls.shape[1] != 8 or not body.digits:
+        return None
+    edges = body.controls[:, [4, 2, 1]] - body.controls[:, :1]
+    edge = float(np.linalg.norm(edges[:, 0]))
+    square = np.abs(edges.T @ edges - edge**2 * np.eye(3)).max() <= MATCHING * edge**2
+    reference = body.brep.states[body.brep.start].controls
+    straight = affine_image(reference, body.controls) is not None
+    return edge if square and straight else None
+
+
+def _topology(body: CellBody) -> Iterator[Measure]:
+    from porous.models.counts import euler_number
+
+    if len(set(body.digits)) == 1:
+        counted = Prefractal(body.digits[0], body.level)
+        known = {
+            "components": counted.components(6),
+            "euler_number": counted.count("euler_number"),
+            "genus": counted.genus(6),
+            "components_26": counted.components(26),
+            "euler_number_26": counted.count("euler_number_26"),
+            "genus_26": counted.genus(26),
+        }
+    else:
+        known = {
+            "components": _face_components(body),
+            "components_26": body.complex.components,
+            "euler_number_26": euler_number(body.closure, body.level),
+        }
+    for name, value in known.items():
+        if value is not None:
+            yield _row(name, float(value))
+
+
+def _face_components(body: CellBody) -> int:
+    """Return the number of pieces of cells that are joined by faces."""
+    brep, start = body.brep, 0
+    cells, faces = [np.zeros(0, np.int64)], [np.zeros((0, 2), np.int64)]
+    for group in body.complex.cells:
+        number = start + np.arange(len(group.place))
+        for k in brep.of_dimension(group.state, 2):
+            state = brep.states[group.state].boundaries[k].state
+            cells.append(number)
+            faces.append(np.column_stack([np.full(len(number), state), group.ids[:, k]]))
+        start += len(number)
+    cell, face = np.concatenate(cells), np.concatenate(faces)
+    order = np.lexsort(face.T)
+    same = (face[order[1:]] == face[order[:-1]]).all(axis=1)
+    one, other = cell[order[:-1][same]], cell[order[1:][same]]
+    return int(joined(start, one, other).max(initial=-1)) + 1
+
+
+def affine_volume(solution: Solution, controls: Floats, level: int) -> float | None:
+    """Return the volume of all cells of a level where each is an affine image of its reference.
+
+    The sum over the paths of the products of volume ratios: a power of the matrix of ratios. None
+    where some child is no affine image of its state's reference cell, or the level-0 cell is not.
+
+    Parameters
+    ----------
+    solution
+        The matrices.
+    controls
+        Of the level-0 cell, (3, m).
+    level
+        Zero or more.
+    """
+    brep = solution.brep
+    place = {q: i for i, q in enumerate(brep.reached)}
+    ratios = np.zeros((len(place),) * 2)
+    for q in brep.reached:
+        state = brep.states[q]
+        for child, matrix in zip(state.children, solution.matrices[q], strict=True):
+            image = affine_image(brep.states[child.state].controls, state.controls @ matrix)
+            if image is None:
+                return None
+            ratios[place[q], place[child.state]] += abs(np.linalg.det(image))
+        if not state.children:
+            ratios[place[q], place[q]] = 1.0
+    whole = affine_image(brep.states[brep.start].controls, controls)
+    if whole is None:
+        return None
+    filled = np.array([reference_volume(solution.brep, q) for q in brep.reached])
+    sums = np.linalg.matrix_power(ratios, level) @ filled
+    return float(abs(np.linalg.det(whole)) * sums[0])
+
+
+def reference_volume(brep: BRep, index: int) -> float:
+    """Return the volume of a state's reference cell."""
+    state = brep.states[index]
+    ends = [state.boundaries[k].matrix for k in brep.of_dimension(index, 0)]
+    corners = (state.controls @ np.hstack(ends)).T
+    return float(np.abs(volumes(SPLITS[state.shape](corners[None]))).sum())
+
+
+def affine_image(reference: Floats, points: Floats) -> Floats | None:
+    """Return the linear part A (3, 3) with points = A·reference + b, or None where there is none.
+
+    Both are (3, m); differences within ``MATCHING`` of the points' extent count as none.
+    """
+    lifted = np.vstack([reference, np.ones(reference.shape[1])])
+    found = np.linalg.lstsq(lifted.T, points.T, rcond=None)[0].T
+    size = float(np.ptp(points, axis=1).max())
+    gap = float(np.abs(found @ lifted - points).max())
+    return np.asarray(found[:, :3]) if gap <= MATCHING * size else None

@@ -1,0 +1,180 @@
+"""A boundary-controlled system at a level: its cells, where they lie, and the body they fill.
+
+The model proper is one of two bodies: of solid cells, which are a mesh by construction
+(``models.cell_body``), or of what is swept along them (``models.swept_body``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import ModelError
+from porous.models.automaton import DEEPEST, Automaton
+from porous.models.cell_nodes import CellNodes, cell_nodes
+from porous.models.closure import Closure, closure
+from porous.models.complex import Complex, cell_complex
+from porous.values.units import check_unit
+from porous.values.value import Value, frozen
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from porous.models.brep import BRep
+    from porous.models.digits import DigitSet
+    from porous.models.pieces import Pieces
+    from porous.models.solve import Solution
+    from porous.values import Box, Frame, Pattern, SurfaceMesh
+
+    Floats = NDArray[np.float64]
+
+WEIGHTLESS = 1e-12
+"""Weights below this count as none when the controls that corners lie on are looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellSystem(Value):
+    """What all models of cells with boundaries have in common.
+
+    Parameters
+    ----------
+    solution
+        The matrices that satisfy the constraints.
+    controls
+        Control points of the level-0 cell, float64 (3, m), in ``unit``.
+    level
+        Zero or more.
+    domain
+        The box that is sampled.
+    unit
+        Unit of length.
+    digits
+        The digit set of each level where cells are those of cubes; else none.
+    bulk_box
+        The box that porosity refers to, in place of the level-0 cell's body.
+
+    Raises
+    ------
+    ModelError
+        For a negative level, controls of another shape.
+    """
+
+    solution: Solution
+    controls: NDArray[np.float64]
+    level: int
+    domain: Box
+    unit: str = "mm"
+    digits: tuple[DigitSet, ...] = ()
+    bulk_box: Box | None = None
+
+    def __post_init__(self) -> None:
+        self._set("controls", frozen(self.controls, np.float64))
+        self._set("digits", tuple(self.digits))
+        check_unit(self.unit)
+        wanted = self.brep.states[self.brep.start].controls.shape
+        if self.controls.shape != wanted:
+            raise ModelError(f"controls: got shape {self.controls.shape}; wanted {wanted}")
+        if not isinstance(self.level, int) or not 0 <= self.level <= DEEPEST:
+            raise ModelError(f"level: got {self.level!r}; wanted a whole number, 0 … {DEEPEST}")
+
+    @property
+    def brep(self) -> BRep:
+        """The states with their boundaries and constraints."""
+        return self.solution.brep
+
+    @cached_property
+    def automaton(self) -> Automaton:
+        """The automaton of the cells, its level-0 cell where the controls lie."""
+        return self.solution.automaton(self.controls)
+
+    @cached_property
+    def closure(self) -> Closure:
+        """What every state's split creates and shares."""
+        return closure(self.solution)
+
+    @cached_property
+    def complex(self) -> Complex:
+        """The cells of the level with all that they share."""
+        return cell_complex(self.closure, self.level)
+
+    @cached_property
+    def nodes(self) -> CellNodes:
+        """Where the vertices of the complex lie, and which cells share them."""
+        return cell_nodes(self.solution, self.complex, self.automaton, self.level)
+
+    def corners(self) -> list[tuple[str, Floats]]:
+        """Return the shape of each group of cells and where its corners lie, (k, c, 3)."""
+        return [
+            (self.brep.states[group.state].shape, self.nodes.points[group.corners])
+            for group in self.nodes.groups
+        ]
+
+    @property
+    def digits_by_level(self) -> tuple[DigitSet, ...]:
+        """The digit set of each level down to this one, the coarsest first."""
+        last = self.digits[-1:] * max(0, self.level - len(self.digits))
+        return (*self.digits, *last)[: self.level]
+
+    @property
+    def bulk(self) -> Box:
+        """The box of the body that porosity refers to."""
+        return self.bulk_box or self.bulk_surface.box
+
+    @property
+    def bulk_volume(self) -> float:
+        """Volume of the body that porosity refers to, in ``unit`` cubed."""
+        return self.bulk_box.volume if self.bulk_box else self.bulk_surface.volume
+
+    @cached_property
+    def bulk_surface(self) -> SurfaceMesh:
+        """The boundary of the body that porosity refers to: the level-0 cell with nothing lost."""
+        from porous.models.cell_bulk import bulk_surface
+
+        return bulk_surface(self.solution, self.controls, self.level, self.unit)
+
+    def sample_bulk(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
+        """Return the masks of the body that porosity refers to."""
+        return self._bulk_pieces.sample(frame, pattern)
+
+    @cached_property
+    def _bulk_pieces(self) -> Pieces:
+        from porous.models import primitive
+        from porous.models.pieces import Pieces
+
+        if self.bulk_box is None:
+            solid, place = primitive.of_surface(self.bulk_surface), np.eye(3, 4)
+        else:
+            solid = primitive.named("cube")
+            lower, lengths = np.array(self.bulk_box.lower), np.array(self.bulk_box.lengths)
+            place = np.column_stack([np.diag(lengths), lower])
+        return Pieces(solid, place[None])
+
+
+def natural_box(solution: Solution, controls: Floats, tolerance: float) -> Box:
+    """Return a certified box of all that is drawn at any level, and of the attractor.
+
+    Parameters
+    ----------
+    solution, controls
+        As in ``CellSystem``.
+    tolerance
+        How much too large it may be, relative to the controls' longest extent.
+    """
+    from porous.models.control_box import control_box
+
+    automaton = solution.automaton(controls)
+    drawn = {
+        place: corner_controls(solution.brep, q) for place, q in enumerate(solution.brep.reached)
+    }
+    longest = float(np.ptp(controls, axis=1).max())
+    return control_box(automaton, tolerance=tolerance * longest, drawn=drawn)
+
+
+def corner_controls(brep: BRep, state: int) -> tuple[int, ...]:
+    """Return the controls of a state that its corners are mixed of."""
+    matrices = [brep.states[state].boundaries[k].matrix for k in brep.of_dimension(state, 0)]
+    used = np.abs(np.hstack(matrices)).max(axis=1) > WEIGHTLESS
+    return tuple(np.flatnonzero(used).tolist())
