@@ -40,7 +40,7 @@ def patterns(dimension):
     return sorted(found, key=lambda p: -p.count(None))
 
 
-def box_state(name, dimension, rule, kept=None, rng=None):
+def box_state(name, dimension, rule, kept=None, rng=None, lowest=0):
     """A cube of any dimension whose children are digits; boundary states are 0, 1, … by dimension.
 
     Parameters
@@ -51,6 +51,8 @@ def box_state(name, dimension, rule, kept=None, rng=None):
         Digits of the children; all where not given.
     rng
         Disturbs the guesses.
+    lowest
+        Dimension of the smallest boundaries that constraints name.
     """
     divisions, along = len(rule), len(rule[0])
     kept = kept or list(product(range(divisions), repeat=dimension))
@@ -62,7 +64,9 @@ def box_state(name, dimension, rule, kept=None, rng=None):
     for side in sides:
         fixed = [None if s is None else s * (along - 1) for s in side]
         of_side = [
-            i for i, p in enumerate(lattice) if all(f in (None, x) for f, x in zip(fixed, p))
+            i
+            for i, p in enumerate(lattice)
+            if all(f in (None, x) for f, x in zip(fixed, p, strict=True))
         ]
         word = "".join("*" if s is None else str(s) for s in side)
         boundaries.append(Boundary(word, side.count(None), selection(along**dimension, of_side)))
@@ -75,12 +79,14 @@ def box_state(name, dimension, rule, kept=None, rng=None):
         children.append(Child("".join(map(str, digits)), dimension, guess))
     incidences, adjacencies, seen = [], [], {}
     for number, digits in enumerate(kept):
-        for k, side in enumerate(sides):
-            planes = tuple(("in", d) if s is None else ("at", d + s) for d, s in zip(digits, side))
+        for k, side in [(k, s) for k, s in enumerate(sides) if s.count(None) >= lowest]:
+            planes = tuple(
+                ("in", d) if s is None else ("at", d + s) for d, s in zip(digits, side, strict=True)
+            )
             fixed = [plane for kind, plane in planes if kind == "at"]
             if set(fixed) <= {0, divisions}:
                 face = tuple(None if kind == "in" else p // divisions for kind, p in planes)
-                free = [d for d, s in zip(digits, side) if s is None]
+                free = [d for d, s in zip(digits, side, strict=True) if s is None]
                 letter = sum(d * divisions**i for i, d in enumerate(reversed(free)))
                 incidences.append(Incidence(number, k, sides.index(face), letter))
             elif planes in seen:
@@ -102,10 +108,13 @@ def vertex(name="vertex"):
     return CellState(name, "vertex", np.zeros((3, 1)), (), (Child("0", 0, np.eye(1)),))
 
 
-def hexa(rule, kept, rng=None):
-    """A hexahedral digit-set cell: vertex, edge, face and volume are states 0 to 3."""
-    lower = [box_state(SHAPES[d], d, rule, rng=rng) for d in (1, 2)]
-    return BRep((vertex(), *lower, box_state("hexa", 3, rule, kept, rng)), 3)
+def hexa(rule, kept, rng=None, *, facets=False):
+    """A hexahedral digit-set cell: vertex, edge, face and volume are states 0 to 3.
+
+    ``facets``: constraints name boundaries of the highest dimension only.
+    """
+    kinds = [(SHAPES[d], d, rule, kept if d == 3 else None, rng) for d in (1, 2, 3)]
+    return BRep((vertex(), *(box_state(*k, facets * (k[1] - 1)) for k in kinds)), 3)
 
 
 BEZIER = [

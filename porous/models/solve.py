@@ -107,6 +107,10 @@ class Solution(Value):
         )
         self._set("sliders", tuple(self.sliders))
 
+    def __setstate__(self, state: dict[str, object]) -> None:
+        super().__setstate__(state)
+        self.__post_init__()
+
     def free_points(self, state: int) -> int:
         """Return the number of free subdivision points of a state."""
         return sum(slider.state == state for slider in self.sliders)
