@@ -11,12 +11,14 @@ from porous.errors import (
     GridError,
     GuestError,
     MemoryLimitError,
+    MeshError,
     ModelError,
     RecipeError,
     nearest,
 )
 from porous.recipe import build
-from porous.values import Measures
+from porous.values import Box, Measures
+from porous.values.box import SIDES
 from porous.values.value import Value
 
 if TYPE_CHECKING:
@@ -39,8 +41,8 @@ WANTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "model": (),
         "voxels": ("voxels",),
         "surface": ("surface",),
-        "volume": ("surface", "volume"),
-        "simulation": ("surface", "volume", "simulation"),
+        "volume": ("volume",),
+        "simulation": ("volume", "simulation"),
         "measures": ("voxels", "surface"),
         "all": ("voxels", "surface", "volume", "simulation"),
     }
@@ -136,6 +138,30 @@ def _wanted(only: str | None) -> tuple[str, ...]:
     return WANTED[only or "all"]
 
 
+def _no_cells(recipe: Recipe, model: Model) -> str:
+    from porous.models.model import HasBoundary
+
+    kind = recipe.model.kind  # type: ignore[attr-defined]
+    has = "an exact boundary and voxels" if isinstance(model, HasBoundary) else "voxels"
+    return (
+        f'volume.method: got "cells"; a model of kind {kind} has {has}, but no cells that are a '
+        'mesh. Wanted "tetwild" or "voxel-hex"'
+    )
+
+
+def _with_sides(mesh: VolumeMesh) -> VolumeMesh:
+    """Return a mesh of cells with parts for the sides of its box, where it names no sides.
+
+    A bent block's sides are faces of its level-0 cell; of a tetrahedron's none is XMIN.
+    """
+    from porous.stages import name_parts
+
+    if any(side in mesh.parts for side in SIDES):
+        return mesh
+    box = Box(tuple(mesh.points.min(axis=0)), tuple(mesh.points.max(axis=0)))
+    return replace(mesh, parts={**name_parts(mesh, box).parts, **mesh.parts})
+
+
 class _Work:
     """One run under way: what has been made so far, and the clock."""
 
@@ -151,7 +177,7 @@ class _Work:
         self.measures = Measures()
         self.certificate: Certificate | None = None
         self.is_exact = False
-        self.is_tetrahedra = False
+        self.filled = ""
 
     def build(self) -> None:
         self.model: Model = self._timed("model", lambda _: build(self.recipe))
@@ -197,10 +223,7 @@ class _Work:
         from porous.models.model import HasBoundary
         from porous.stages import exact_surface
 
-        how = self.recipe.voxels
-        if not required and (how.sampling == "cover" or any(how.periodic)):
-            return  # voxels that touch the set, or a tile of a larger body: no model's boundary
-        if not required and not isinstance(self.model, HasBoundary):
+        if not required and not (self._is_whole and isinstance(self.model, HasBoundary)):
             return
         try:
             self.surface = self._timed("surface", lambda _: exact_surface(self.model))
@@ -211,54 +234,79 @@ class _Work:
         else:
             self.is_exact = True
 
+    @property
+    def _is_whole(self) -> bool:
+        """Whether the model alone is the body, not voxels that touch it or a tile of many."""
+        how = self.recipe.voxels
+        return how.sampling != "cover" and not any(how.periodic)
+
     def fill_volume(self) -> None:
-        from porous.stages import name_parts
+        method = self.recipe.volume.method
+        auto = method == "auto"
+        if auto or method == "cells":
+            self.volume = self._cells(required=not auto)
+        if self.volume is None and (auto or method == "tetwild"):
+            self.volume = self._tetrahedra(required=not auto)
+        if self.volume is None and (auto or method == "voxel-hex"):
+            self.volume = self._hexahedra()
 
-        method = self._volume_method()
-        if method == "none":
-            return
-        mesh = self._tetrahedra() if method == "tetwild" else None
-        self.is_tetrahedra = mesh is not None
-        self.volume = name_parts(mesh or self._hexahedra(), self.model.domain)
+    def _cells(self, *, required: bool) -> VolumeMesh | None:
+        """Return the model's own cells, or None where nobody insists and there are none."""
+        from porous.models.model import HasCells
+        from porous.stages import mesh_cells
 
-    def _tetrahedra(self) -> VolumeMesh | None:
-        """Return the mesh, or None where nobody insists on it and the mesher fails."""
-        from porous.stages import tetrahedralize
+        if not required and not (self._is_whole and isinstance(self.model, HasCells)):
+            return None
+        if not isinstance(self.model, HasCells):
+            raise ModelError(_no_cells(self.recipe, self.model))
+        try:
+            mesh = self._timed("volume", lambda _: mesh_cells(self.model))
+        except (ModelError, MeshError, MemoryLimitError) as error:
+            if required:
+                raise
+            self.notes.append(f"volume not of the model's cells: {error}")
+            return None
+        self.filled = "cells"
+        return _with_sides(mesh)
 
+    def _tetrahedra(self, *, required: bool) -> VolumeMesh | None:
+        """Return the mesh, or None where nobody insists on it and it is too much or fails."""
+        from porous.stages import name_parts, tetrahedralize
+
+        if self.surface is None:
+            self.extract_surface()
         surface, how = self.surface, self.recipe.volume
         assert surface is not None
+        count = len(surface.triangles)
+        if not required and count > TETWILD_TRIANGLES:
+            self.notes.append(
+                f"one hexahedron per solid voxel: the surface has {count} triangles; tetrahedra "
+                f"are made unasked up to {TETWILD_TRIANGLES}, beyond with "
+                'volume.method = "tetwild"'
+            )
+            return None
         try:
-            return self._timed(
+            mesh = self._timed(
                 "volume",
                 lambda progress: tetrahedralize(
                     surface, edge_length=how.edge_length, progress=progress
                 ),
             )
         except GuestError as error:
-            if how.method == "tetwild":
+            if required:
                 raise
             self.notes.append(f"one hexahedron per solid voxel: {error}")
             return None
+        self.filled = "surface"
+        return name_parts(mesh, self.model.domain)
 
     def _hexahedra(self) -> VolumeMesh:
-        from porous.stages import hexahedralize
+        from porous.stages import hexahedralize, name_parts
 
         grid = self._solid_grid()
-        return self._timed("volume", lambda _: hexahedralize(grid))
-
-    def _volume_method(self) -> str:
-        method = self.recipe.volume.method
-        if method != "auto":
-            return method
-        assert self.surface is not None
-        count = len(self.surface.triangles)
-        if count <= TETWILD_TRIANGLES:
-            return "tetwild"
-        self.notes.append(
-            f"one hexahedron per solid voxel: the surface has {count} triangles; tetrahedra are "
-            f'made unasked up to {TETWILD_TRIANGLES}, beyond with volume.method = "tetwild"'
-        )
-        return "voxel-hex"
+        mesh = self._timed("volume", lambda _: hexahedralize(grid))
+        self.filled = "grid"
+        return name_parts(mesh, self.model.domain)
 
     def prepare_job(self) -> None:
         from porous.jobs import compression, material
@@ -276,14 +324,16 @@ class _Work:
         from porous.measures import measure
 
         # What the surface and the mesh were made from says how far off their numbers may be.
-        came = {"model": self.model} if self.is_exact else {"grid": self.grid}
+        of_model, of_grid = {"model": self.model}, {"model": self.model, "grid": self.grid}
+        of_surface = of_model if self.is_exact else of_grid
+        of_volume = {"cells": of_model, "surface": of_surface, "grid": of_grid}
         tasks = [
             (subject, source)
             for subject, source in (
                 (self.model, {"grid": self.grid}),
-                (self.grid, {}),
-                (self.surface, came),
-                (self.volume, came if self.is_tetrahedra else {"grid": self.grid}),
+                (self.grid, of_model),
+                (self.surface, of_surface),
+                (self.volume, of_volume.get(self.filled, {})),
             )
             if subject is not None
         ]

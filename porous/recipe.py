@@ -118,8 +118,8 @@ class SurfaceSection(Section):
 class VolumeSection(Section):
     """Where the volume mesh comes from."""
 
-    method: Literal["auto", "tetwild", "voxel-hex", "none"] = Field(
-        default="auto", description='"auto", "tetwild", "voxel-hex" or "none"'
+    method: Literal["auto", "cells", "tetwild", "voxel-hex", "none"] = Field(
+        default="auto", description='"auto", "cells", "tetwild", "voxel-hex" or "none"'
     )
     edge_length: float | None = Field(
         default=None,

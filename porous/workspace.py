@@ -23,12 +23,13 @@ LAST = "measures.json"
 """A folder that has this file is whole."""
 
 KINDS = {"tet4": "tets", "tet10": "tets", "hex8": "hexes"}
-"""What the files of a volume mesh are called, by the shape of its cells."""
+"""What the files of a volume mesh are called, by the shape of its cells; ``cells`` where they are
+the model's own."""
 
 KNOWN = (
     "grid.vti",
     "surface.stl",
-    *(f"{kind}.{suffix}" for kind in ("tets", "hexes") for suffix in ("vtu", "inp")),
+    *(f"{kind}.{suffix}" for kind in ("tets", "hexes", "cells") for suffix in ("vtu", "inp")),
     "report.html",
     "log.json",
 )
@@ -132,7 +133,8 @@ def _artefacts(result: Result) -> Iterator[tuple[str, Any]]:
     if result.surface is not None:
         yield "surface.stl", result.surface
     if result.volume is not None:
-        kind = KINDS[result.volume.blocks[0].shape]
+        shape = result.volume.blocks[0].shape
+        kind = "cells" if result.volume.is_of_cells else KINDS[shape]
         yield f"{kind}.vtu", result.volume
         yield f"{kind}.inp", result.job or result.volume
 

@@ -39,8 +39,8 @@ def test_no_more_runs_than_is_needed(only):
             "model": set(),
             "voxels": {"grid"},
             "surface": {"surface"},
-            "volume": {"grid", "surface", "volume"},
-            "simulation": {"grid", "surface", "volume", "job"},
+            "volume": {"grid", "volume"},
+            "simulation": {"grid", "volume", "job"},
             "measures": {"grid", "surface"},
         }[only]
     )

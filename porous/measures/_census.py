@@ -93,10 +93,16 @@ class Census:
     tiles
         Boxes of voxels that fill it; slabs of its own choice where not given. The counts do not
         depend on them.
+    sampled
+        Whether the bulk was sampled at the 64 points of a fill, as that of a model with a bulk of
+        its own is; else it is taken for exact.
     """
 
-    def __init__(self, grid: VoxelGrid, *, tiles: Sequence[Tile] | None = None) -> None:
+    def __init__(
+        self, grid: VoxelGrid, *, tiles: Sequence[Tile] | None = None, sampled: bool = False
+    ) -> None:
         self.grid = grid
+        self.sampled = sampled and grid.bulk is not None
         self.tiles = tiles_of(grid.frame.shape) if tiles is None else tuple(tiles)
         self._pieces: dict[Phase, Pieces] = {}
 
@@ -109,6 +115,12 @@ class Census:
     def fills(self) -> FillCounts:
         """Voxels by fill and bulk."""
         return fold(count_fills, self.grid, self.tiles)
+
+    @cached_property
+    def bulk_fills(self) -> FillCounts:
+        """Voxels by how much of them is bulk, as ``fills`` counts what is solid of them."""
+        assert self.grid.bulk is not None
+        return fold(count_fills, replace(self.grid, fill=self.grid.bulk, bulk=None), self.tiles)
 
     @cached_property
     def windows(self) -> NDArray[np.int64]:

@@ -14,12 +14,15 @@ from porous.measures._mesh import (
     SurfaceCensus,
     VolumeCensus,
     of_bulk,
+    pinched_nodes,
 )
 from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
 from porous.measures._surface_area import surface_doubt
+from porous.models.model import HasBulk
 from porous.values import Measures, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.surface_topology import check_closed
+from porous.values.volume_topology import hung_by_faces
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -50,12 +53,15 @@ def measure(
     subject
         What to measure. A model gives its closed forms and dimensions.
     model
-        The model whose exact boundary a surface is (or whose exact boundary a mesh fills): its
-        bulk then gives porosity and specific surface.
+        The model that the subject was made from: whose exact boundary a surface is (or a mesh
+        fills), whose cells a mesh consists of, or which ``grid`` is of. Porosity and specific
+        surface refer to its bulk. For a grid, the model that it samples: where that has a bulk of
+        its own, the grid's bulk is as uncertain as what is solid.
     grid
         The grid that a surface or a mesh was made from: uncertainties are then those of that
-        detour, caps across periodic axes are no surface, and porosity refers to the grid's bulk.
-        For a model, the grid whose periodicity its closed forms shall have.
+        detour, caps across periodic axes are no surface, and porosity refers to the grid's bulk
+        where the model has none of its own. A model's own cells are made from no grid. For a
+        model, the grid whose periodicity its closed forms shall have.
 
     Returns
     -------
@@ -68,7 +74,7 @@ def measure(
         Where there is nothing to measure.
     """
     if isinstance(subject, VoxelGrid):
-        return Measures(tuple(_grid_rows(subject)))
+        return Measures(tuple(_grid_rows(subject, model)))
     if isinstance(subject, SurfaceMesh):
         return Measures(tuple(_surface_rows(subject, model, grid)))
     if isinstance(subject, VolumeMesh):
@@ -77,8 +83,8 @@ def measure(
     return Measures(tuple(model_rows(subject, periodic)))
 
 
-def _grid_rows(grid: VoxelGrid) -> Iterator[Measure]:
-    census = Census(grid)
+def _grid_rows(grid: VoxelGrid, model: Model | None) -> Iterator[Measure]:
+    census = Census(grid, sampled=isinstance(model, HasBulk))
     for (name, _), row in GRID.items():
         if not (name.startswith("genus") and any(grid.frame.periodic)):
             yield row(census)
@@ -107,6 +113,9 @@ def _surface_rows(
 
 def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: VoxelGrid | None) -> Iterator[Measure]:
     census = VolumeCensus(mesh)
+    if census.is_body:
+        yield from _cell_rows(census, model)
+        return
     total = float(census.volumes.sum())
     if census.method == "tetrahedra" and (model is not None or grid is not None):
         census.volume_doubt += TETRAHEDRA * total
@@ -123,6 +132,23 @@ def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: VoxelGrid | None) ->
     bulk = _bulk_volume(model, grid)
     if bulk is not None:
         yield from of_bulk(rows["volume"], None, bulk)
+
+
+def _cell_rows(census: VolumeCensus, model: Model | None) -> Iterator[Measure]:
+    """Yield the rows of a model's own cells.
+
+    Where cells share nodes that they touch in, the mesh is the closed union, and told as such.
+    """
+    rows = {name: row(census) for name, row in VOLUME.items()}
+    yield from rows.values()
+    yield pinched_nodes(VolumeCensus(hung_by_faces(census.mesh)))
+    if model is None:
+        return
+    yield from of_bulk(rows["volume"], None, _own_bulk(model))
+    closed = rows["mesh_euler_number"]
+    known = {row.name: row.value for row in model_rows(model, (False, False, False))}
+    if closed.value == known.get("euler_number_26"):
+        yield replace(closed, name="euler_number_26")
 
 
 def _by_convention(rows: Mapping[str, Measure], model: Model) -> dict[str, Measure]:
@@ -146,6 +172,14 @@ def _told(rows: Mapping[str, Measure], periodic: Axes) -> Iterator[Measure]:
 
 
 def _bulk_volume(model: Model | None, grid: VoxelGrid | None) -> float | None:
-    if grid is not None:
-        return Amounts(Census(grid)).bulk * grid.frame.voxel_volume
-    return None if model is None else model.bulk.volume
+    """Return the volume of the bulk, or None where it is not known or does not hold the solid."""
+    own = _own_bulk(model) if isinstance(model, HasBulk) or (model and grid is None) else None
+    if grid is None:
+        return own
+    amounts = Amounts(Census(grid, sampled=own is not None))
+    voxels = amounts.bulk * grid.frame.voxel_volume
+    return None if amounts.beyond else own or voxels
+
+
+def _own_bulk(model: Model) -> float:
+    return model.bulk_volume if isinstance(model, HasBulk) else model.bulk.volume

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from porous.errors import MeshError
 from porous.values import SHAPES, Measure
-from porous.values.surface_topology import euler_number, pieces
-from porous.values.volume_topology import Faces, bodies, faces
+from porous.values.surface_topology import euler_number, joined, pieces
+from porous.values.volume_topology import Faces, faces, matched
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -160,7 +160,7 @@ def of_bulk(volume: Measure, area: Measure | None, bulk: float) -> tuple[Measure
     """Return porosity, relative density and specific surface from a mesh's volume and area."""
 
     def row(name: str, value: float, unit: str, doubt: float, like: Measure) -> Measure:
-        return Measure(name, value, unit, like.method, doubt, "standard", like.of)
+        return Measure(name, value, unit, like.method, doubt, like.kind, like.of)
 
     part, doubt = volume.value / bulk, volume.uncertainty / bulk
     rows = [
@@ -174,13 +174,21 @@ def of_bulk(volume: Measure, area: Measure | None, bulk: float) -> tuple[Measure
     return tuple(rows)
 
 
+class Counts(NamedTuple):
+    """How many there are of each."""
+
+    nodes: int
+    edges: int
+    faces: int
+
+
 class VolumeCensus:
     """What the measures of a volume mesh are made of.
 
     Parameters
     ----------
     mesh
-        Of any cells.
+        Of any cells. A model's own are the body itself: their measures are exact.
     volume_doubt
         Uncertainty as a measure of the body that the mesh stands for, in its unit.
     """
@@ -189,8 +197,10 @@ class VolumeCensus:
         if not mesh.cells:
             raise MeshError("volume mesh: has no cells to measure")
         self.mesh = mesh
+        self.is_body = mesh.is_of_cells
         shapes = {block.shape for block in mesh.blocks}
-        self.method = _METHODS[shapes.pop()] if len(shapes) == 1 else "cells"
+        several = self.is_body or len(shapes) > 1
+        self.method = "cells" if several else _METHODS[shapes.pop()]
         self.volumes = mesh.volumes
         self.volume_doubt = volume_doubt + ROUNDING * float(np.abs(self.volumes).sum())
 
@@ -204,28 +214,80 @@ class VolumeCensus:
         """Every face of every cell."""
         return faces(self.mesh)
 
+    @cached_property
+    def pairs(self) -> tuple[Indices, Indices]:
+        """Which of ``faces`` are two sides of one."""
+        return matched(self.faces)
+
+    @cached_property
+    def every(self) -> Counts:
+        """How many nodes, edges and faces there are."""
+        ring = self.faces.nodes
+        return Counts(_nodes(ring), _edges(ring), len(ring) - len(self.pairs[0]))
+
+    @cached_property
+    def inner(self) -> Counts:
+        """How many of them are of no face of one cell only."""
+        outer = np.ones(len(self.faces.nodes), dtype=bool)
+        outer[np.concatenate(self.pairs)] = False
+        ring, every = self.faces.nodes[outer], self.every
+        return Counts(every.nodes - _nodes(ring), every.edges - _edges(ring), len(self.pairs[0]))
+
 
 _METHODS = {"tet4": "tetrahedra", "tet10": "tetrahedra", "hex8": "hexahedra"}
 
 
 def _mesh_volume(census: VolumeCensus) -> Measure:
     unit = f"{census.mesh.unit}³"
-    return census.row("volume", float(census.volumes.sum()), unit, census.volume_doubt)
+    doubt = None if census.is_body else census.volume_doubt
+    return census.row("volume", float(census.volumes.sum()), unit, doubt)
 
 
 def _mesh_components(census: VolumeCensus) -> Measure:
-    return census.row("components", int(bodies(census.mesh).max()) + 1, "1")
+    first, second = census.pairs
+    cell = census.faces.members[:, 0]
+    return census.row(
+        "components", int(joined(census.mesh.cells, cell[first], cell[second]).max()) + 1, "1"
+    )
 
 
 def _mesh_euler(census: VolumeCensus) -> Measure:
-    ring = census.faces.nodes
+    # A node or an edge on the boundary joins nothing, whether cells share it or not.
+    inner = census.inner
+    value = census.mesh.cells - inner.faces + inner.edges - inner.nodes
+    return census.row("euler_number", value, "1")
+
+
+def _closed_euler(census: VolumeCensus) -> Measure:
+    every = census.every
+    value = every.nodes - every.edges + every.faces - census.mesh.cells
+    return census.row("mesh_euler_number", value, "1")
+
+
+def pinched_nodes(census: VolumeCensus) -> Measure:
+    """Return how often voids meet in a node of cells that share nodes across faces only.
+
+    Voxels join voids there (and digital topology with them), surfaces go round each of them: with
+    k voids at a node half a surface's Euler number is k − 1 above the solid's.
+    """
+    # The cells about a node are a disc with k holes, seen from it: their sides less the faces
+    # between them plus the edges among these are 2 − k, and 2 at a node inside.
+    inner, every = census.inner, census.every
+    slots = sum(block.cells.size for block in census.mesh.blocks)
+    ends = int((census.faces.nodes[census.pairs[0]] >= 0).sum())
+    discs = slots - ends + 2 * inner.edges - 2 * inner.nodes
+    return census.row("pinched_nodes", every.nodes - inner.nodes - discs, "1")
+
+
+def _nodes(ring: Indices) -> int:
+    return len(np.unique(ring[ring >= 0]))
+
+
+def _edges(ring: Indices) -> int:
+    """Return the number of edges of faces (f, 4), of triangles with −1 in the last place."""
     following = np.where(np.roll(ring, -1, axis=1) < 0, ring[:, :1], np.roll(ring, -1, axis=1))
-    ends = np.stack([ring, following], axis=2).reshape(-1, 2)
-    ends = ends[ends[:, 0] >= 0]
-    edges = len(np.unique(np.sort(ends, axis=1), axis=0))
-    squares = len(np.unique(np.sort(ring, axis=1), axis=0))
-    vertices = len(np.unique(ring[ring >= 0]))
-    return census.row("euler_number", vertices - edges + squares - census.mesh.cells, "1")
+    a, b = ring[ring >= 0], following[ring >= 0]
+    return len(np.unique(np.minimum(a, b) * (ring.max(initial=0) + 1) + np.maximum(a, b)))
 
 
 def _least_volume(census: VolumeCensus) -> Measure:
@@ -296,6 +358,7 @@ VOLUME: dict[str, Callable[[VolumeCensus], Measure]] = {
     "volume": _mesh_volume,
     "components": _mesh_components,
     "euler_number": _mesh_euler,
+    "mesh_euler_number": _closed_euler,
     "smallest_cell_volume": _least_volume,
     "smallest_dihedral_angle": _least_angle,
     "smallest_scaled_jacobian": _least_jacobian,

@@ -94,8 +94,8 @@ def _affinity(model: Model) -> Measure | None:
     if _similar(model):
         similarity = _similarity(model)  # each s_k is then the root of Σ ratioˢ = 1 itself
         return similarity and replace(similarity, name="affinity_dimension")
-    value = dimension.affinity_dimension(model.automaton)
-    if not math.isfinite(value):
+    value: float | None = dimension.affinity_dimension(model.automaton)
+    if value is None or not math.isfinite(value):
         return None
     # All that is known of the attractor's dimension is that it lies between none and this.
     return Measure("affinity_dimension", value, "1", "upper bound", value, "bound", "model")

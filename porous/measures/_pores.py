@@ -37,7 +37,7 @@ def _part(census: Census, name: str, choice: Choice) -> Measure:
         )
     )
     # What sampling may have missed is shared out among all pores by their volumes.
-    share = wide * amounts.count_doubt / max(bulk - amounts.solid_count, 1)
+    share = wide * amounts.count_share_doubt * bulk / max(bulk - amounts.solid_count, 1)
     return Measure(name, wide, "1", METHOD, abs(wide - narrow) + share, "standard", "grid")
 
 

@@ -50,14 +50,16 @@ class Amounts:
     """Volumes in voxels, from a census of fills.
 
     ``bulk`` and ``bulk_count`` are the body that porosity refers to, in fractions and in whole
-    voxels; ``solid`` and ``solid_count`` what is solid of it; ``everywhere`` all that is solid.
+    voxels; ``solid`` and ``solid_count`` what is solid of it; ``everywhere`` all that is solid;
+    ``beyond`` how much of that is more than the bulk of its voxel, which it then leaves for
+    certain; ``bulk_doubt`` the uncertainty of ``bulk``, where it was sampled.
     """
 
     def __init__(self, census: Census) -> None:
         counts, self.sampling = census.fills, census.grid.sampling
         histogram = counts.histogram
         fills = solid_fractions(histogram.sum(axis=1), self.sampling)[:, None]
-        bulks = np.arange(256)[None] / 255
+        bulks = solid_fractions(histogram.sum(axis=0), "fill" if census.sampled else "")[None]
         self.bulk = float((histogram * bulks).sum())
         self.solid = float((histogram * np.minimum(fills, bulks)).sum())
         self.everywhere = float((histogram * fills).sum())
@@ -67,6 +69,11 @@ class Amounts:
         least = np.maximum(fills + bulks - 1, 0)
         apart = np.maximum(np.minimum(fills, bulks) - least, 0)
         self.unknown = float((histogram * apart).sum())
+        self.beyond = float((histogram * np.maximum(fills - bulks - 1 / 255, 0)).sum())
+        if census.sampled and self.sampling == "fill" and not self.beyond:
+            # At the same points, none of which is solid and not bulk: neither are the others.
+            self.unknown = 0.0
+        self.bulk_doubt = _bulk_doubt(census)
         self.cuts = histogram[1:255].sum(axis=1)
         self.jumps = counts.jumps
         self.shift = _shifted(census)
@@ -93,6 +100,18 @@ class Amounts:
         """Uncertainty of ``solid_count``, in voxels."""
         return abs(self.solid_count - self.solid) + self.doubt
 
+    @property
+    def share_doubt(self) -> float:
+        """Uncertainty of ``solid`` as a part of ``bulk``: of both, as their ratio has it."""
+        return math.hypot(self.doubt, self.solid / self.bulk * self.bulk_doubt) / self.bulk
+
+    @property
+    def count_share_doubt(self) -> float:
+        """Uncertainty of ``solid_count`` as a part of ``bulk_count``."""
+        bulk = self.bulk_doubt and abs(self.bulk_count - self.bulk) + self.bulk_doubt
+        part = self.solid_count / self.bulk_count
+        return math.hypot(self.count_doubt, part * bulk) / self.bulk_count
+
 
 def _shifted(census: Census) -> float:
     """Return the standard uncertainty of the volume whose boundary is off by up to so much.
@@ -108,11 +127,22 @@ def _shifted(census: Census) -> float:
     return float((counts * steps).sum()) / math.sqrt(3)
 
 
-def _fill_doubt(amounts: Amounts) -> float:
+def _bulk_doubt(census: Census) -> float:
+    """Return the uncertainty of a bulk that was sampled, in voxels; of a box's there is none."""
+    if not census.sampled:
+        return 0.0
+    counts = census.bulk_fills
+    return _sampling_doubt(counts.histogram[1:255].sum(axis=1), counts.jumps)
+
+
+def _sampling_doubt(cuts: NDArray[np.int64], jumps: NDArray[np.int64]) -> float:
     # Voxels of one fill may all lie alike about one plane and share an error; those of different
     # fills do not. Flat faces along the lattice show few fills, oblique and curved ones many.
-    groups = np.append(amounts.cuts, amounts.jumps.ravel())
-    return VOXEL * float(np.linalg.norm(groups))
+    return VOXEL * float(np.linalg.norm(np.append(cuts, jumps.ravel())))
+
+
+def _fill_doubt(amounts: Amounts) -> float:
+    return _sampling_doubt(amounts.cuts, amounts.jumps)
 
 
 def _centre_doubt(amounts: Amounts) -> float:
@@ -138,24 +168,24 @@ def _row(name: str, method: str, value: float, doubt: float, unit: str = "1") ->
 
 def _porosity_fill(census: Census) -> Measure:
     a = Amounts(census)
-    return _row("porosity", "voxel fill", 1 - a.solid / a.bulk, a.doubt / a.bulk)
+    return _row("porosity", "voxel fill", 1 - a.solid / a.bulk, a.share_doubt)
 
 
 def _porosity_count(census: Census) -> Measure:
     a = Amounts(census)
     value = (a.bulk_count - a.solid_count) / a.bulk_count
-    return _row("porosity", "voxel count", value, a.count_doubt / a.bulk_count)
+    return _row("porosity", "voxel count", value, a.count_share_doubt)
 
 
 def _density_fill(census: Census) -> Measure:
     a = Amounts(census)
-    return _row("relative_density", "voxel fill", a.solid / a.bulk, a.doubt / a.bulk)
+    return _row("relative_density", "voxel fill", a.solid / a.bulk, a.share_doubt)
 
 
 def _density_count(census: Census) -> Measure:
     a = Amounts(census)
     value = a.solid_count / a.bulk_count
-    return _row("relative_density", "voxel count", value, a.count_doubt / a.bulk_count)
+    return _row("relative_density", "voxel count", value, a.count_share_doubt)
 
 
 def _volume_fill(census: Census) -> Measure:

@@ -177,9 +177,11 @@ def _interface_crofton(census: Census) -> Measure:
 def _specific(method: str) -> Callable[[Census], Measure]:
     def row(census: Census) -> Measure:
         area = GRID["surface_area", method](census)
-        bulk = Amounts(census).bulk * census.frame.voxel_volume
+        amounts, voxel = Amounts(census), census.frame.voxel_volume
+        bulk = amounts.bulk * voxel
         name, unit = "specific_surface_area", f"1/{census.frame.unit}"
-        value, doubt = area.value / bulk, area.uncertainty / bulk
+        value = area.value / bulk
+        doubt = math.hypot(area.uncertainty, value * amounts.bulk_doubt * voxel) / bulk
         return Measure(name, value, unit, method, doubt, "standard", "grid")
 
     return row

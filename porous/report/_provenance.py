@@ -106,6 +106,7 @@ def _of_volume(mesh: VolumeMesh) -> str:
     for block in mesh.blocks:
         counts[SHAPES.get(block.shape, block.shape)] += len(block.cells)
     cells = ", ".join(f"{number(count)} {shape}" for shape, count in counts.items())
+    cells += ", the model's own cells" if mesh.is_of_cells else ""
     volumes = mesh.volumes
     least = f"; smallest volume {volumes.min():.3g} {mesh.unit}³" if len(volumes) else ""
     return f"{cells}, {number(len(mesh.points))} nodes{least}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from porous.errors import GridError
 from porous.memory import available, check_memory
-from porous.models.model import HasCover, HasDoubts, HasFeature, HasFill
+from porous.models.model import HasBulk, HasCover, HasDoubts, HasFeature, HasFill
 from porous.values import CENTRE, FILL, Frame, VoxelGrid
 from porous.values.grid import SAMPLINGS
 from porous.values.value import adopted
@@ -73,7 +73,7 @@ def voxelize(
     Returns
     -------
     The grid; its bytes do not depend on the number of threads. ``bulk`` is set where the model's
-    bulk is not the whole frame.
+    bulk is not the whole frame; a bulk that is no box is sampled at 64 points of each voxel.
 
     Raises
     ------
@@ -94,10 +94,11 @@ def voxelize(
         periodic=periodic,
         unit=model.unit,
     )
-    whole = model.bulk.contains(frame.box, tolerance=1e-9 * max(frame.box.lengths))
+    own = isinstance(model, HasBulk)
+    whole = not own and _holds(model.bulk, frame)
     _check_memory(frame, 1 if whole else 2)
-    fill, hausdorff = _sampled(model, frame, sampling, _Report(progress))
-    bulk = None if whole else adopted(_bulk(model.bulk, frame))
+    fill, hausdorff = _sampled(model, frame, sampling, _Report(progress, 0.0, 0.5 if own else 1.0))
+    bulk = None if whole else _bulk(model, frame, _Report(progress, 0.5, 1.0))
     error = 0.0
     if isinstance(model, HasDoubts):
         error = model.sampling_error(frame) if sampling != "cover" else 0.0
@@ -106,14 +107,18 @@ def voxelize(
 
 
 class _Report:
-    """Turns counts of work into the caller's progress."""
+    """Turns counts of work into the caller's progress from one share done to another."""
 
-    def __init__(self, progress: Callable[[str, float], None] | None) -> None:
+    def __init__(
+        self, progress: Callable[[str, float], None] | None, first: float, last: float
+    ) -> None:
         self.progress = progress
+        self.first, self.last = first, last
 
     def __call__(self, done: int, count: int) -> None:
         if self.progress is not None:
-            self.progress("voxelize", done / count)
+            share = done / count
+            self.progress("voxelize", (1 - share) * self.first + share * self.last)
 
 
 def _spacing(
@@ -182,14 +187,7 @@ def _sampled(
         fill = model.fill(frame, pattern, report)
         if fill is not None:
             return fill, None
-    table = _fills(pattern)
-    fill = np.empty(frame.shape, np.uint8)
-
-    def sample(tile: Frame, out: Bytes) -> None:
-        out[...] = table[np.bitwise_count(model.sample(tile, pattern))]
-
-    _each_tile(frame, fill, sample, report)
-    return fill, None
+    return _counted(model.sample, frame, pattern, report), None
 
 
 def _covered(model: Model, frame: Frame, report: _Report) -> tuple[Bytes, float]:
@@ -205,6 +203,23 @@ def _covered(model: Model, frame: Frame, report: _Report) -> tuple[Bytes, float]
 
     _each_tile(frame, fill, sample, report)
     return fill, max(bounds)
+
+
+def _counted(
+    masks: Callable[[Frame, Pattern], NDArray[np.uint64]],
+    frame: Frame,
+    pattern: Pattern,
+    report: _Report,
+) -> Bytes:
+    """Return how much of each voxel is set in the masks of its tile."""
+    table = _fills(pattern)
+    result = np.empty(frame.shape, np.uint8)
+
+    def sample(tile: Frame, out: Bytes) -> None:
+        out[...] = table[np.bitwise_count(masks(tile, pattern))]
+
+    _each_tile(frame, result, sample, report)
+    return result
 
 
 def _fills(pattern: Pattern) -> Bytes:
@@ -240,7 +255,20 @@ def _tiles(shape: Sequence[int]) -> list[Span]:
     ]
 
 
-def _bulk(bulk: Box, frame: Frame) -> Bytes:
+def _holds(bulk: Box, frame: Frame) -> bool:
+    return bulk.contains(frame.box, tolerance=1e-9 * max(frame.box.lengths))
+
+
+def _bulk(model: Model, frame: Frame, report: _Report) -> Bytes | None:
+    """Return which part of each voxel is bulk, or None where all is."""
+    if not isinstance(model, HasBulk):
+        return adopted(_part_in_box(model.bulk, frame))
+    # Sampled at the points of a fill: a solid that lies in it then does so voxel by voxel.
+    found = _counted(model.sample_bulk, frame, FILL, report)
+    return None if found.min() == 255 else adopted(found)
+
+
+def _part_in_box(bulk: Box, frame: Frame) -> Bytes:
     """Return which part of each voxel lies in a box, 255 being all of it."""
     parts = []
     for axis in range(3):

@@ -49,6 +49,9 @@ SHAPES: Mapping[str, Shape] = MappingProxyType(
 )
 """The elements there are. Faces are numbered as CalculiX and Abaqus number S1, S2, …"""
 
+ADDRESS = "address"
+"""The tag that a model's own cells bear: the place of each among all cells of its level."""
+
 PART_KINDS = ("nodes", "faces", "cells")
 
 
@@ -158,6 +161,11 @@ class VolumeMesh(Value):
     def cells(self) -> int:
         """Number of cells in all blocks."""
         return sum(len(block.cells) for block in self.blocks)
+
+    @property
+    def is_of_cells(self) -> bool:
+        """Whether it consists of a model's own cells, and so is the body itself."""
+        return ADDRESS in self.cell_tags
 
     @property
     def volumes(self) -> NDArray[np.float64]:
