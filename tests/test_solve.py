@@ -365,7 +365,6 @@ def test_what_is_solved_stays():
         brep = cells.hexa(rule, cells.MENGER, rng)
         solution = solve(brep, random_moves(rng, solve(brep)))
         again = solve(cells.guessing(brep, solution.matrices))
-        assert again.matrices == again.matrices
         assert all(map(np.array_equal, all_matrices(again), all_matrices(solution)))
     for plain in curves_and_cells():
         brep = in_random_weights(rng, plain)
@@ -602,7 +601,8 @@ def test_rounding_is_no_contradiction():
     ):
         solve(twice_at_the_start(5e-9))
     general = cells.in_other_weights(twice_at_the_start(5e-10), [np.eye(2), DIFFERENT])
-    assert 0 < solve(general).residual < 5e-10
+    # The gap is 1e-9 in these weights; the nearest is in the middle.
+    assert solve(general).residual == pytest.approx(5e-10, rel=1e-6)
     general = cells.in_other_weights(twice_at_the_start(5e-8), [np.eye(2), DIFFERENT])
     with pytest.raises(
         ModelError, match=r": curve: a\.start = start/0; curve: a\.start = start/1;"
