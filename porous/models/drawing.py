@@ -7,7 +7,7 @@ have control points of their own can be drawn with it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol, Self
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.models.automaton import Automaton, Cells, State
+    from porous.models.automaton import Cells, State
     from porous.values import Frame, Pattern
 
     Floats = NDArray[np.float64]
@@ -107,6 +107,9 @@ class Drawing(Value):
         float64, shape (m, p): column j says how point j is mixed from the m controls.
     primitive
         A solid in the state's reference coordinates, carried along by four independent controls.
+    inverse
+        float64, shape (4, 4): the controls' weights of homogeneous reference coordinates, see
+        ``State.inverse``; wanted with a primitive only.
     solid
         Points that are the corners of a solid: four of a tetrahedron, six of an octahedron in
         opposite pairs, eight of a hexahedron in the order 4a + 2b + c.
@@ -126,6 +129,7 @@ class Drawing(Value):
 
     mix: Floats
     primitive: Primitive | None = None
+    inverse: Floats | None = None
     solid: tuple[int, ...] = ()
     balls: Indices = ()  # type: ignore[assignment]
     beams: Indices = ()  # type: ignore[assignment]
@@ -135,6 +139,8 @@ class Drawing(Value):
 
     def __post_init__(self) -> None:
         self._set("mix", frozen(self.mix, np.float64))
+        if self.inverse is not None:
+            self._set("inverse", frozen(self.inverse, np.float64))
         for name, shape in (("balls", (-1,)), ("beams", (-1, 2)), ("plates", (-1, 3))):
             index = frozen_whole(getattr(self, name), np.int64, f"draw.{name}", ModelError)
             self._set(name, index.reshape(shape))
@@ -165,30 +171,25 @@ class Drawing(Value):
         solids = {0: 0, 4: 1, 6: 4, 8: 24}[len(self.solid)]
         return solids + len(self.balls) + len(self.beams) + len(self.plates)
 
-    def corners(self, inverse: Floats | None) -> Floats:
-        """Return weights (m, n) of points whose hull, grown by ``reach``, holds what is drawn.
-
-        ``inverse`` are the weights of homogeneous reference coordinates, as ``State.inverse``.
-        """
+    @property
+    def corners(self) -> Floats:
+        """Weights (m, n) of points whose hull, grown by ``reach``, holds what is drawn."""
         parts = (np.array(self.solid, np.int64), self.balls, self.beams, self.plates)
         used = np.unique(np.concatenate([part.ravel() for part in parts]))
         columns = [self.mix[:, used]]
         if self.primitive is not None:
-            assert inverse is not None
+            assert self.inverse is not None
             round_ = self.primitive.radius is not None
             points = np.array(self.primitive.box.corners) if round_ else self.primitive.points
-            columns.append(inverse @ np.vstack([points.T, np.ones(len(points))]))
+            columns.append(self.inverse @ np.vstack([points.T, np.ones(len(points))]))
         return np.hstack(columns)
 
-    def scaled(self, factor: float) -> Drawing:
-        """Return the drawing for reference controls ``factor`` times as far from the origin.
+    def frames(self, points: Floats) -> Floats:
+        """Return the maps (k, 3, 4) that carry the primitive to cells with controls (k, 3, m)."""
+        assert self.inverse is not None
+        return product(points, self.inverse)
 
-        Radii and thicknesses are lengths in ``unit`` and stay.
-        """
-        primitive = self.primitive
-        return self if primitive is None else replace(self, primitive=primitive.scaled(factor))
-
-    def thinnest(self, points: Floats, births: Indices, inverse: Floats | None) -> float:
+    def thinnest(self, points: Floats, births: Indices) -> float:
         """Return the least thickness of what is drawn in cells, or a lower bound; infinite if none.
 
         σ_min of a cell's map times the primitive's thickness; the width of a tetrahedron; twice
@@ -196,8 +197,7 @@ class Drawing(Value):
         """
         found = [math.inf]
         if self.primitive is not None:
-            assert inverse is not None
-            linear = product(points, inverse)[:, :, :3]
+            linear = self.frames(points)[:, :, :3]
             least = np.linalg.svd(linear, compute_uv=False)[:, 2].min()
             found.append(float(least) * self.primitive.thickness)
         if len(self.balls) or len(self.beams):
@@ -289,7 +289,7 @@ def image(primitive: str | Primitive, state: State) -> Drawing:
             f'draw: "{body.name}" is carried along by four independent controls, which this state '
             'does not have; wanted "cell", { balls = …, beams = …, plates = … } or "none"'
         )
-    return Drawing(np.eye(state.size), primitive=body)
+    return Drawing(np.eye(state.size), primitive=body, inverse=state.inverse)
 
 
 def drawn_as(given: str | Primitive | SticksSection | Drawing, state: State) -> Drawing:
@@ -316,7 +316,6 @@ def drawn_as(given: str | Primitive | SticksSection | Drawing, state: State) -> 
 
 
 def body(
-    automaton: Automaton,
     drawings: Sequence[Drawing],
     groups: Iterable[Cells],
     births: Indices,
@@ -327,8 +326,8 @@ def body(
 
     Parameters
     ----------
-    automaton, drawings
-        The states and a drawing for each.
+    drawings
+        What the cells of each state are drawn as.
     groups
         The cells by state.
     births
@@ -338,11 +337,9 @@ def body(
     """
     parts: list[Part] = []
     for group in groups:
-        drawing, inverse = drawings[group.state], automaton.states[group.state].inverse
+        drawing = drawings[group.state]
         if drawing.primitive is not None:
-            assert inverse is not None
-            frames = product(group.points, inverse)
-            parts.append(Pieces(drawing.primitive, frames, offset))
+            parts.append(Pieces(drawing.primitive, drawing.frames(group.points), offset))
         if drawing.simplices:
             swept = _simplices(drawing, group.points, births[group.place])
             parts.append(swept.grown(offset) if offset else swept)
