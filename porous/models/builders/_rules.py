@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -114,5 +113,4 @@ def _spread(
             f"texture.{field}: got {len(value)} numbers; wanted {len(default)} for divisions = "
             f"{divisions}, or a single number"
         )
-    assert not (isinstance(value, float) and math.isnan(value))
     return np.broadcast_to(np.asarray(value, np.float64), default.shape)

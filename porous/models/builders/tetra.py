@@ -14,14 +14,16 @@ if TYPE_CHECKING:
 
 FACE_JOINED = {
     "tetra": ("tetra", "octa"),
-    "octa": (*(piece.name for piece in UPRIGHT), "octa"),
+    "octa": (*(piece.name for piece in UPRIGHT), "0", "1", "4", "5"),
 }
-"""All but the inverted tetrahedra: T → 4 T + O, O → 4 T + 6 O.
+"""T → 4 T + O, O → 4 T + 4 O: no inverted tetrahedra, no octahedra at the ends of one axis.
 
-What is left is joined across faces at every level: in O each of the four tetrahedra meets three
-octahedra, which joins all six, and the children at the corners of a triangle that T and O share
-meet again. (With O → 8 T the tetrahedra in O meet in edges alone.) The dimension is
-log₂(5 + √5) = 2.855, for the matrix of counts is [[4, 1], [4, 6]]."""
+The body is in one piece at every level, across faces: in O the tetrahedra and the octahedra form
+a ring; each face of O has octahedra at two of its corners, so that a T and an O that share a
+triangle have children that share one. Its pores are open, and the dimension is log₂ 6, for the
+matrix of counts [[4, 1], [4, 4]] has the eigenvalue 6. (With O → 8 T there are eight pieces at
+level 2; with T → 4 T + O and all symmetries of a tetrahedron, a body in one piece is full or has
+closed pores.)"""
 
 
 def _build(options: Options) -> BRep:
