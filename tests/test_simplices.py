@@ -494,6 +494,18 @@ def test_grown_tetrahedra_equal_grown_pieces(seed):
     assert not (marks & ~wanted.cover(frame)[0]).any()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_grown_bodies_hold_what_is_near(seed):
+    random = np.random.default_rng(100 + seed)
+    frame = some_frame(random, 9)
+    body, radius = some_body(random, frame), random.uniform(0.5, 1) * min(frame.spacing)
+    points = naive_sampling.samples(frame, LINES).reshape(-1, 3)
+    found = naive_sampling.bits(body.grown(radius).sample(frame, LINES), 4).ravel()
+    depth = naive.depth(points, body) + radius
+    sure = np.abs(depth) > 1e-5
+    assert np.array_equal(found[sure], depth[sure] > 0)
+
+
 def test_growing_needs_the_skin_alone():
     # Two cells beside each other: faces between tetrahedra add nothing.
     random = np.random.default_rng(17)
@@ -566,6 +578,36 @@ def test_covers_are_certified():
             index = np.floor((ends - frame.origin) / frame.spacing).astype(int)
             inside = ((index >= 0) & (index < frame.shape)).all(axis=1)
             assert marks[tuple(index[inside].T)].all()
+
+
+@pytest.mark.parametrize("radius", [0.0, 1e-3, 0.3])
+def test_a_touch_at_a_corner_is_covered(radius):
+    # Along a diagonal a voxel's centre is as far from what it touches as can be.
+    frame = Frame((0, 0, 0), (0.5, 0.1, 0.2), (9, 21, 13))
+    step = np.array(frame.spacing)
+    for way in itertools.product((-1, 1), repeat=3):
+        unit = way * step / frame.diagonal
+        corner = (np.array([4, 10, 6]) + (np.array(way) + 1) / 2) * step
+        end = corner + (radius - 1e-7) * unit
+        bodies = [
+            Simplices(balls=[[*end, radius]]),
+            Simplices(capsules=[[end, end + 0.1 * unit]], capsule_radii=[radius]),
+            Simplices(plates=[[end + 0.1 * unit, end, end + 0.1 * unit]], plate_radii=[radius]),
+        ]
+        for body in bodies:
+            marks = body.cover(frame)[0]
+            assert marks[4, 10, 6]
+
+
+def test_a_tile_sees_what_lies_beside_it():
+    # Half a diagonal is more than two voxels along y.
+    frame = Frame((0, 0, 0), (0.5, 0.1, 0.2), (3, 21, 5))
+    body = Simplices(balls=[[0.75, 1.05, 0.5, 0.01]])
+    marks = body.cover(frame)[0]
+    assert marks.sum(axis=1)[1, 2] == 5
+    for voxel in np.ndindex(*frame.shape):
+        tile = frame.tile(voxel, tuple(k + 1 for k in voxel))
+        assert body.cover(tile)[0][0, 0, 0] == marks[voxel]
 
 
 def test_every_point_of_a_cover_is_within_its_bound():

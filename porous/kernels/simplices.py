@@ -302,14 +302,11 @@ def _round_rod(p, q, radius, x, y, low, high):
     flat = ux * ux + uy * uy
     across = x * uy - y * ux
     along = x * ux + y * uy
-    if flat < VERTICAL * VERTICAL:
-        first, last = (-np.inf, np.inf) if rest >= 0.0 else (np.inf, -np.inf)
-    else:
-        root = flat * radius * radius - across * across
-        if root < 0.0:
-            return low, high
-        root = np.sqrt(root)
-        first, last = (along * uz - root) / flat, (along * uz + root) / flat
+    root = flat * radius * radius - across * across
+    if flat < VERTICAL * VERTICAL or root < 0.0:
+        return low, high  # along z the balls at both ends hold the whole span
+    root = np.sqrt(root)
+    first, last = (along * uz - root) / flat, (along * uz + root) / flat
     first, last = _between(uz, along, length, first, last)
     if first <= last:
         low, high = min(low, p[2] + first), max(high, p[2] + last)
