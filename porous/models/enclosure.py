@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from porous.errors import ModelError
+from porous.models.adapted import adapted_norms
 from porous.models.automaton import DEEPEST
-from porous.models.contraction import adapted_norms
 from porous.values import Box
 from porous.values.value import Value, frozen
 

@@ -1,0 +1,323 @@
+"""Coordinates in which matrices that act together are block triangular, as far as they can be.
+
+Subspaces that all matrices keep (one for each state: A_e W_target ⊂ W_source) are found as what the
+eigenvectors of a generic product generate, smallest first; the same is done with what is left over.
+The search is numerical and may miss some: whoever builds on it must not rely on exact zeros.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+KEPT = 1e-8
+"""A vector lies in a subspace where what sticks out is this small, relative to the matrices."""
+
+CLUSTERS = (1e-8, 1e-3)
+"""Eigenvalues that are this close, relative to the largest, are tried as one: defective matrices'
+are only known to a root of the rounding error."""
+
+POLISH = 2
+"""How many of Newton's steps improve a line."""
+
+MIXED = 4
+"""Of more matrices between two states this many generic sums stand in for all."""
+
+SPREAD = 0.1
+"""Common eigenvectors belong to one layer where they are no closer to dependent than this."""
+
+
+class Flag(NamedTuple):
+    """A basis of every state's space and the group of each basis vector.
+
+    ``bases`` (s, n, n): columns are basis vectors, padded by those of the identity; ``groups``
+    (s, n): numbers that rise along the columns, −1 where padded. In these coordinates no matrix
+    takes a group to a higher one, but for rounding.
+    """
+
+    bases: NDArray[np.float64]
+    groups: NDArray[np.int64]
+
+
+class _System(NamedTuple):
+    """Matrices (k_source, k_target) between the states' spaces of ``widths`` dimensions."""
+
+    ends: list[tuple[int, int]]
+    matrices: list[NDArray[np.float64]]
+    widths: list[int]
+
+    @property
+    def size(self) -> float:
+        return max((float(np.abs(A).max(initial=0.0)) for A in self.matrices), default=0.0)
+
+    def restricted(
+        self, left: list[NDArray[np.float64]], right: list[NDArray[np.float64]]
+    ) -> _System:
+        parts = [
+            left[q].T @ A @ right[r] for (q, r), A in zip(self.ends, self.matrices, strict=True)
+        ]
+        return _System(self.ends, parts, [basis.shape[1] for basis in right])
+
+    @property
+    def dual(self) -> _System:
+        return _System([(r, q) for q, r in self.ends], [A.T for A in self.matrices], self.widths)
+
+
+_Family = list["NDArray[np.float64]"]
+
+
+def flag(
+    sources: NDArray[np.int64],
+    targets: NDArray[np.int64],
+    matrices: NDArray[np.float64],
+    widths: NDArray[np.int64],
+) -> Flag:
+    """Return coordinates that make the matrices block triangular.
+
+    Parameters
+    ----------
+    sources, targets
+        The states between which each matrix acts, (t,): from the target's space to the source's.
+    matrices
+        (t, n, n), zero beyond the states' dimensions.
+    widths
+        The dimension of each state's space, (s,).
+    """
+    ends = [(int(q), int(r)) for q, r in zip(sources, targets, strict=True)]
+    parts = [A[: widths[q], : widths[r]] for (q, r), A in zip(ends, matrices, strict=True)]
+    rng = np.random.default_rng(1)
+    layers = _layers(_mixed(_System(ends, parts, [int(w) for w in widths]), rng), rng)
+    bases = np.tile(np.eye(matrices.shape[1]), (len(widths), 1, 1))
+    groups = np.full((len(widths), matrices.shape[1]), -1)
+    for q, width in enumerate(widths):
+        bases[q, :width, :width] = np.hstack([layer[q] for layer in layers])
+        groups[q, :width] = np.repeat(
+            np.arange(len(layers)), [layer[q].shape[1] for layer in layers]
+        )
+    return Flag(bases, groups)
+
+
+def _mixed(system: _System, rng: np.random.Generator) -> _System:
+    """Return a smaller system that keeps the same subspaces."""
+    ends, matrices = [], []
+    for end in sorted(set(system.ends)):
+        among = [A for other, A in zip(system.ends, system.matrices, strict=True) if other == end]
+        if len(among) > MIXED:
+            weights = rng.normal(size=(MIXED, len(among))) / np.sqrt(len(among))
+            among = list(np.tensordot(weights, np.stack(among), 1))
+        ends += [end] * len(among)
+        matrices += among
+    return _System(ends, matrices, system.widths)
+
+
+def _layers(system: _System, rng: np.random.Generator) -> list[_Family]:
+    """Return families of subspaces, each kept together with those before it; they span all."""
+    result: list[_Family] = []
+    left = [np.eye(width) for width in system.widths]
+    while any(system.widths):
+        found = _kept(system, rng)
+        result += [[Q @ W for Q, W in zip(left, family, strict=True)] for family in found]
+        whole = [np.hstack([family[q] for family in found]) for q in range(len(left))]
+        others = [_complement(W) for W in whole]
+        left = [Q @ C for Q, C in zip(left, others, strict=True)]
+        system = system.restricted(others, others)
+    return result
+
+
+def _kept(system: _System, rng: np.random.Generator) -> list[_Family]:
+    """Return families that are kept and independent of each other; all, if none are smaller."""
+    generic = [_closed(system, rng) for _ in range(3)]
+    for cluster in CLUSTERS:
+        starts = _starts(generic, cluster)
+        found = _lines(system, starts)
+        if found:
+            return found
+        smallest = _smallest(system, starts)
+        if smallest is not None:
+            inner = system.restricted(smallest, smallest)
+            return [
+                [Q @ W for Q, W in zip(smallest, layer, strict=True)]
+                for layer in _layers(inner, rng)
+            ]
+        other = _smallest(system.dual, _starts([_transposed(g) for g in generic], cluster))
+        if other is not None:
+            below = [_complement(W) for W in other]
+            layers = _layers(system.restricted(below, below), rng)
+            return [[Q @ W for Q, W in zip(below, layer, strict=True)] for layer in layers]
+    return [[np.eye(width) for width in system.widths]]
+
+
+def _closed(system: _System, rng: np.random.Generator) -> _Family:
+    """Return for every state a generic sum of all words that start and end there."""
+    first = np.concatenate([[0], np.cumsum(system.widths)])
+    whole = np.zeros((first[-1], first[-1]))
+    weights = rng.normal(size=len(system.ends))
+    for weight, (q, r), A in zip(weights, system.ends, system.matrices, strict=True):
+        whole[first[q] : first[q + 1], first[r] : first[r + 1]] += weight * A
+    size = float(np.linalg.norm(whole, 2))
+    inverse = np.linalg.inv(np.eye(len(whole)) - whole * (0.7 / size if size else 0.0))
+    return [inverse[a:b, a:b] for a, b in pairwise(first)]
+
+
+def _transposed(family: _Family) -> _Family:
+    return [matrix.T for matrix in family]
+
+
+def _starts(generic: list[_Family], cluster: float) -> list[tuple[int, NDArray[np.complex128]]]:
+    """Return the states' eigenspaces under the first generic sum, each cut to what others keep."""
+    result = []
+    for q, R in enumerate(generic[0]):
+        for value in _distinct(np.linalg.eigvals(R), cluster) if len(R) else []:
+            space = _null(R - value * np.eye(len(R)), KEPT * np.linalg.norm(R, 2))
+            smaller = _held(space, [g[q] for g in generic[1:]])
+            # Where nothing is held each vector of the eigenspace may still generate less than all.
+            result.append((q, smaller if smaller.shape[1] else space))
+    return result
+
+
+def _distinct(values: NDArray[np.complex128], cluster: float) -> list[complex]:
+    """Return the means of eigenvalues that lie together; of conjugate ones a single one."""
+    values = values[values.imag >= 0] if len(values) else values
+    left = sorted(values, key=lambda value: (value.real, value.imag))
+    scale = max(map(abs, left))
+    result = []
+    while left:
+        near = [v for v in left if abs(v - left[0]) <= cluster * scale]
+        left = [v for v in left if abs(v - left[0]) > cluster * scale]
+        mean = sum(near) / len(near)
+        result.append(mean if abs(mean.imag) > cluster * scale else complex(mean.real))
+    return result
+
+
+def _null(matrix: NDArray[np.complex128], size: float) -> NDArray[np.complex128]:
+    """Return an orthonormal basis of what the matrix takes to less than ``size``, one at least."""
+    real = matrix.real if not matrix.imag.any() else matrix
+    _, sigma, rows = np.linalg.svd(real)
+    many = max(1, int((sigma <= size).sum()))
+    return np.asarray(rows[-many:].conj().T)
+
+
+def _held(space: NDArray[np.complex128], others: _Family) -> NDArray[np.complex128]:
+    """Return the part of a space that matrices take into itself."""
+    while space.shape[1] > 1:
+        out = [R @ space - space @ (space.conj().T @ (R @ space)) for R in others]
+        _, sigma, rows = np.linalg.svd(np.vstack(out), full_matrices=True)
+        size = KEPT * max(float(np.linalg.norm(R, 2)) for R in others)
+        stays = np.concatenate([sigma, np.zeros(len(rows) - len(sigma))]) <= size
+        if stays.all():
+            break
+        space = space @ rows[stays].conj().T
+    return space
+
+
+def _lines(system: _System, starts: list[tuple[int, NDArray[np.complex128]]]) -> list[_Family]:
+    """Return independent families of at most one dimension in every state."""
+    found: list[_Family] = []
+    limit = [1] * len(system.widths)
+    for q, space in starts:
+        if np.iscomplexobj(space):
+            continue
+        for vector in space.T:
+            family = _generated(system, q, vector[:, None], limit)
+            if family is not None:
+                family = _polished(system, family)
+                if _independent([*found, family]):
+                    found.append(family)
+    return found
+
+
+def _polished(system: _System, family: _Family) -> _Family:
+    """Return lines that every matrix keeps as well as floating point can tell.
+
+    Newton's steps for x_source ∥ A_e·x_target, all matrices at once: that is better conditioned
+    than an eigenvector of a single one.
+    """
+    for _ in range(POLISH):
+        rows, defects = _equations(system, family)
+        step = np.linalg.lstsq(rows, -defects, rcond=KEPT)[0]
+        parts = np.split(step, np.cumsum(system.widths)[:-1])
+        family = [
+            (W + part[:, None]) / np.linalg.norm(W[:, 0] + part) if W.size else W
+            for W, part in zip(family, parts, strict=True)
+        ]
+    return family
+
+
+def _equations(system: _System, family: _Family) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how much images of lines leave them and the linear change with the lines."""
+    first = np.concatenate([[0], np.cumsum(system.widths)])
+    rows, defects = [], []
+    for (q, r), A in zip(system.ends, system.matrices, strict=True):
+        line, image = family[q].sum(axis=1), A @ family[r].sum(axis=1)
+        across = np.eye(len(A)) - np.outer(line, line)
+        row = np.zeros((len(A), first[-1]))
+        row[:, first[r] : first[r + 1]] = across @ A
+        row[:, first[q] : first[q + 1]] -= (line @ image) * across
+        rows.append(row)
+        defects.append(across @ image)
+    return np.vstack(rows), np.concatenate(defects)
+
+
+def _independent(families: list[_Family]) -> bool:
+    for parts in zip(*families, strict=True):
+        together = np.hstack(parts)
+        rows, columns = together.shape
+        if columns > rows:
+            return False
+        if columns and np.linalg.svd(together, compute_uv=False)[-1] < SPREAD:
+            return False
+    return True
+
+
+def _smallest(system: _System, starts: list[tuple[int, NDArray[np.complex128]]]) -> _Family | None:
+    """Return the smallest proper family that a vector generates, or None."""
+    best, least = None, sum(system.widths)
+    for q, space in starts:
+        vector = space[:, :1]
+        pair = np.hstack([vector.real, vector.imag]) if np.iscomplexobj(vector) else vector
+        family = _generated(system, q, pair, system.widths)
+        many = least if family is None else sum(W.shape[1] for W in family)
+        if many < least:
+            best, least = family, many
+    return best
+
+
+def _generated(
+    system: _System, state: int, vectors: NDArray[np.float64], limit: list[int]
+) -> _Family | None:
+    """Return orthonormal bases of what vectors generate, or None beyond ``limit`` dimensions."""
+    size = max(system.size, 1e-300)
+    bases: _Family = [np.zeros((width, 0)) for width in system.widths]
+    fresh: _Family = [np.zeros((width, 0)) for width in system.widths]
+    bases[state] = fresh[state] = _range(vectors, KEPT * float(np.abs(vectors).max()))
+    while any(N.shape[1] for N in fresh):
+        if any(W.shape[1] > most for W, most in zip(bases, limit, strict=True)):
+            return None
+        images: list[list[NDArray[np.float64]]] = [[] for _ in bases]
+        for (q, r), A in zip(system.ends, system.matrices, strict=True):
+            if fresh[r].shape[1]:
+                images[q].append(A @ fresh[r])
+        for q, parts in enumerate(images):
+            fresh[q] = np.zeros((system.widths[q], 0))
+            if parts:
+                image = np.hstack(parts)
+                fresh[q] = _range(image - bases[q] @ (bases[q].T @ image), KEPT * size)
+                bases[q] = np.linalg.qr(np.hstack([bases[q], fresh[q]]))[0]
+    return bases
+
+
+def _range(vectors: NDArray[np.float64], size: float) -> NDArray[np.float64]:
+    """Return an orthonormal basis of what vectors span, but for parts smaller than ``size``."""
+    left, sigma, _ = np.linalg.svd(vectors, full_matrices=False)
+    return np.asarray(left[:, sigma > size])
+
+
+def _complement(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an orthonormal basis of what is orthogonal to independent vectors."""
+    left = np.linalg.svd(vectors, full_matrices=True)[0]
+    return np.asarray(left[:, vectors.shape[1] :])
