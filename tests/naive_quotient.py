@@ -19,16 +19,22 @@ class Quotient:
         self.act = cache(self.act)
         self.turn = cache(self.turn)
         self.cells = [self.fresh(brep.start)]
+        self.borders = [[instance] for instance, _ in self.parts[self.cells[0]]]
 
     def refine(self):
-        self.cells = [kid for cell in self.cells for kid in self.split(cell)]
+        self.cells = self.refined(self.cells)
+        self.borders = [self.refined(border) for border in self.borders]
 
-    def corners(self):
-        """Roots of the vertices of all cells, cell by cell."""
-        return [self.find(use)[0] for cell in self.cells for use in self.vertices(cell)]
+    def refined(self, cells):
+        return [kid for cell in cells for kid in self.split(cell)]
 
-    def vertices(self, cell):
-        return [self.parts[cell][k] for k in self.brep.of_dimension(self.state[cell], 0)]
+    def roots(self, cells):
+        """What the boundaries of cells are, and the cells themselves, cell by cell."""
+        uses = [use for cell in cells for use in (*self.parts[cell], (cell, self.own(cell)))]
+        return [self.find(use)[0] for use in uses]
+
+    def own(self, instance):
+        return self.same(self.state[instance])
 
     def same(self, state):
         return tuple(range(self.brep.states[state].size))
@@ -81,7 +87,7 @@ class Quotient:
         (e, g), (f, h) = self.find(a), self.find(b)
         order = compose(h, tuple(np.argsort(g).tolist()))
         if e == f:
-            assert order == self.same(self.state[e])
+            assert order == self.own(e)
             return
         if self.kids[f] is None and self.kids[e] is not None:
             self.split(f)
@@ -91,10 +97,10 @@ class Quotient:
             use, outer = self.parts[f][other]
             self.unite(part, (use, compose(outer, inner)))
         for letter, kid in enumerate(self.kids[e] or ()):
-            self.unite((kid, self.same(self.state[kid])), self.child((f, order), letter))
+            self.unite((kid, self.own(kid)), self.child((f, order), letter))
 
     def split(self, instance):
-        root, _ = self.find((instance, self.same(self.state[instance])))
+        root, _ = self.find((instance, self.own(instance)))
         if self.kids[root] is not None:
             return self.kids[root]
         for part in self.parts[root]:
