@@ -58,7 +58,7 @@ def _vertex_weights(solution: Solution, index: int) -> Floats:
     fixed = np.vstack([solution.matrices[index][0] - np.eye(state.size), np.ones(state.size)])
     wanted = np.zeros(state.size + 1)
     wanted[-1] = 1
-    return np.linalg.lstsq(fixed, wanted, rcond=None)[0][:, None]
+    return np.asarray(np.linalg.lstsq(fixed, wanted, rcond=None)[0][:, None], np.float64)
 
 
 def handedness(

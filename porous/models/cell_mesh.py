@@ -8,7 +8,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.values.surface_topology import joined
-from porous.values.volume_mesh import Block, Part, VolumeMesh
+from porous.values.volume_mesh import SHAPES, Block, Part, VolumeMesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -109,6 +109,9 @@ def numbered(vertices: Indices, classes: Indices) -> tuple[Indices, Indices]:
     return rank[classes], vertex[order]
 
 
+_MOST_FACES = max(len(shape.faces) for shape in SHAPES.values())
+
+
 class _Layout(NamedTuple):
     """Where the elements of each cell are: the first of each place, and of each kind its size."""
 
@@ -182,7 +185,5 @@ def _outer_faces(nodes: CellNodes, layout: _Layout) -> tuple[Indices, Indices]:
         element, local = group.cut.members[group.variant[cell], face].T
         members[which] = np.column_stack([layout.first[group.place[cell]] + element, local])
     origin = nodes.origins[1][nodes.sides[outer]]
-    if len(nodes.groups) == 1:
-        return members, origin
-    order = np.lexsort(members.T[::-1])
+    order = np.argsort(members[:, 0] * _MOST_FACES + members[:, 1])
     return members[order], origin[order]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,7 @@ from porous.models.cell_folds import (
     handedness,
 )
 from porous.models.cell_shapes import DIAGONALS, WIDTH, Cut, cut
-from porous.values.value import Value
+from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -74,6 +75,10 @@ class Group(Value):
     cut: Cut
     variant: Indices
 
+    def __post_init__(self) -> None:
+        for name in ("place", "corners", "edges", "faces", "variant"):
+            self._set(name, frozen(getattr(self, name), np.int64))
+
     @property
     def variants(self) -> tuple[int, ...]:
         """The variants that occur."""
@@ -111,8 +116,15 @@ class CellNodes(Value):
     points: Floats
     groups: tuple[Group, ...]
     origins: tuple[Indices, Indices]
-    faces: dict[int, str]
-    closures: dict[int, tuple[int, ...]]
+    faces: Mapping[int, str]
+    closures: Mapping[int, tuple[int, ...]]
+
+    def __post_init__(self) -> None:
+        self._set("points", frozen(self.points, np.float64))
+        self._set("groups", tuple(self.groups))
+        self._set("origins", tuple(frozen(own, np.int64) for own in self.origins))
+        for name in ("faces", "closures"):
+            self._set(name, MappingProxyType(dict(getattr(self, name))))
 
     @property
     def cells(self) -> int:

@@ -7,13 +7,13 @@ faces those of dimension one and two; whatever is said of them here is said by t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from porous.errors import ModelError
-from porous.values.value import Value
+from porous.values.value import Value, frozen
 from porous.values.volume_mesh import SHAPES
 
 if TYPE_CHECKING:
@@ -95,10 +95,9 @@ class Cut(Value):
     members: Indices
     wings: Indices
 
-    @property
-    def corners(self) -> int:
-        """Number of corners of a cell."""
-        return int(self.elements.max()) + 1
+    def __post_init__(self) -> None:
+        for table in fields(self)[1:]:
+            self._set(table.name, frozen(getattr(self, table.name), np.int64))
 
 
 def cut(brep: BRep, index: int) -> Cut:
