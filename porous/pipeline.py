@@ -227,7 +227,7 @@ class _Work:
             return
         try:
             self.surface = self._timed("surface", lambda _: exact_surface(self.model))
-        except (ModelError, MemoryLimitError, GuestError) as error:
+        except (ModelError, MeshError, MemoryLimitError, GuestError) as error:
             if required:
                 raise
             self.notes.append(f"surface from voxels: {error}")

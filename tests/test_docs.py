@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,8 @@ def taken():
         unit="cm",
     )
     rows = [*measure(model), *measure(grid), *measure(skin, model=model)]
+    cells = replace(hexes, cell_tags={"address": np.arange(hexes.cells)})
+    rows += [*measure(cells, model=model)]
     rows += [*measure(rough, grid=grid), *measure(hexes, grid=grid), *measure(tets, model=model)]
     rows += [*measure(both), *measure(ifs(UNEQUAL, level=1, unit="cm"))]
     rows += [finest_printable_level(model, feature=0.1)]

@@ -1,0 +1,364 @@
+"""Cell meshes and curved bulks through the house: measures, certificate, folder, report."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from bent_cells import BentCells, gauss
+
+from porous import extract_surface, hexahedralize, mesh_cells, pipeline, voxelize
+from porous.certificate import certify
+from porous.errors import MeshError, ModelError, ViewError
+from porous.formats import read
+from porous.measures import euler_number, measure, porosity
+from porous.measures._mesh import VolumeCensus, pinched_nodes
+from porous.models.model import HasBoundary, HasBulk, HasCells, HasExact, Model
+from porous.pipeline import run
+from porous.recipe import load
+from porous.report._provenance import provenance
+from porous.values import FILL, Frame, Measures, VoxelGrid
+from porous.values.surface_topology import euler_number as surface_euler_number
+from porous.workspace import KNOWN, LAST, make
+
+
+def solid(seed, shape=(2, 3, 4), density=0.7):
+    return np.random.default_rng(seed).random(shape) < density
+
+
+def ring():
+    """Return 2 × 3 × 4 cells with one missing, which leaves a hole through the sheet."""
+    cells = np.ones((2, 3, 4), bool)
+    cells[:, 1, 1:3] = False
+    return cells
+
+
+def grid_of(cells):
+    return VoxelGrid.of_solid(cells, Frame((0, 0, 0), (1, 0.9, 0.8), cells.shape))
+
+
+# --- measures -----------------------------------------------------------------------------------
+
+
+def test_the_twin_is_a_model_with_cells_and_a_bulk():
+    for protocol in (Model, HasCells, HasBulk, HasBoundary, HasExact):
+        assert isinstance(BentCells(ring()), protocol)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_are_the_body_itself(seed):
+    model = BentCells(solid(seed))
+    table = measure(mesh_cells(model), model=model)
+    volume = gauss(model.nodes[model.cells(model.solid)])
+    assert table["volume"].value == pytest.approx(volume, rel=1e-12)
+    assert table["porosity"].value == pytest.approx(1 - volume / model.bulk_volume, rel=1e-12)
+    for name in ("volume", "porosity", "relative_density"):
+        row = table[name]
+        assert (row.method, row.kind, row.uncertainty, row.of) == ("cells", "exact", 0, "volume")
+
+
+def test_a_grid_beside_cells_changes_nothing():
+    model = BentCells(ring())
+    grid = voxelize(model, voxels=12)
+    cells = mesh_cells(model)
+    assert measure(cells, model=model, grid=grid) == measure(cells, model=model)
+    assert "porosity" not in measure(cells, grid=grid)  # the grid knows the bulk but roughly
+
+
+def test_an_untagged_mesh_is_of_hexahedra():
+    cells = mesh_cells(BentCells(ring()))
+    mesh = dataclasses.replace(cells, cell_tags={})
+    assert {row.method for row in measure(mesh)} == {"hexahedra"}
+    assert measure(mesh)["volume"].kind == "standard"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_euler_number_is_the_voxels_whether_nodes_are_shared_or_not(seed):
+    cells = solid(seed, (4, 5, 6), 0.3 + 0.025 * seed)
+    wanted = euler_number(grid_of(cells)).value
+    for contacts in ("apart", "shared"):
+        model = BentCells(cells, bend=np.asarray, contacts=contacts)
+        assert measure(mesh_cells(model))["euler_number"].value == wanted
+    assert measure(hexahedralize(grid_of(cells)))["euler_number"].value == wanted
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_shared_cells_are_the_closed_union(seed):
+    cells = solid(seed, (4, 5, 6), 0.3 + 0.05 * seed)
+    mesh = mesh_cells(BentCells(cells, contacts="shared"))
+    table = measure(grid_of(cells))
+    assert measure(mesh)["mesh_euler_number"].value == table["euler_number_26"].value
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pinched_nodes_are_what_surfaces_go_round(seed):
+    """Voxel faces keep voids apart that meet in a point; half their Euler number says so."""
+    grid = grid_of(solid(seed, (5, 6, 7), 0.4 + 0.025 * seed))
+    surface = extract_surface(grid, method="voxel-faces")
+    pinched = pinched_nodes(VolumeCensus(hexahedralize(grid))).value
+    assert surface_euler_number(surface) / 2 - euler_number(grid).value == pinched
+
+
+def test_two_opposite_holes_pinch_a_node():
+    cells = np.ones((4, 4, 4), bool)
+    cells[1, 1, 1] = cells[2, 2, 2] = False
+    for contacts in ("apart", "shared"):
+        table = measure(mesh_cells(BentCells(cells, contacts=contacts)))
+        assert table["pinched_nodes"].value == 1
+        # One cavity for voxels, two for the closed union.
+        assert (table["euler_number"].value, table["mesh_euler_number"].value) == (2, 3)
+
+
+# --- the bulk -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sampling", ["fill", "centre", "cover"])
+def test_the_bulk_is_counted_at_64_points_of_each_voxel(sampling):
+    model = BentCells(ring())
+    grid = voxelize(model, voxels=20, sampling=sampling)
+    masks = model.sample_bulk(grid.frame, FILL)
+    counts = np.bitwise_count(masks).astype(int)
+    assert np.array_equal(grid.bulk, (255 * counts + 32) // 64)
+
+
+def test_a_bulk_that_fills_the_frame_needs_no_mask():
+    model = BentCells(ring(), bend=np.asarray)
+    assert voxelize(model, voxels=8).bulk is None
+    assert voxelize(model, voxels=9, cubic=True).bulk is not None
+
+
+def test_progress_goes_on_through_the_bulk():
+    seen = []
+    voxelize(BentCells(ring()), voxels=20, progress=lambda _, done: seen.append(done))
+    assert seen == sorted(seen)
+    assert min(seen) <= 0.5 < max(seen) == 1
+
+
+@pytest.mark.parametrize("voxels", [12, 19, 30, 47])
+def test_porosity_of_a_curved_bulk_is_within_its_uncertainty(voxels):
+    model = BentCells(ring())
+    exact = measure(model)["porosity"].value
+    grid = voxelize(model, voxels=voxels)
+    table = measure(grid, model=model)
+    for method in ("voxel fill", "voxel count"):
+        row = table["porosity", method]
+        assert abs(row.value - exact) <= 2 * row.uncertainty
+    assert table["porosity", "voxel fill"].uncertainty < 0.4 / voxels
+    surface = measure(extract_surface(grid), model=model, grid=grid)
+    assert abs(surface["porosity"].value - exact) <= 2 * surface["porosity"].uncertainty
+
+
+def test_the_doubt_about_the_bulk_is_counted():
+    model = BentCells(np.ones((2, 3, 4), bool))
+    grid = voxelize(model, voxels=25)
+    known, alone = measure(grid, model=model), measure(grid)
+    assert known["porosity"].value == 0
+    assert alone["porosity"].value == pytest.approx(0, abs=1e-3)
+    volume = known["volume"]
+    # Solid and bulk are one body here: the doubt is that of both, √2 of the one.
+    relative = 2**0.5 * volume.uncertainty / model.bulk_volume
+    assert known["porosity"].uncertainty == pytest.approx(relative, rel=1e-2)
+    # Without the model nobody knows that the solid keeps to its bulk within a voxel.
+    assert alone["porosity"].uncertainty > 3 * known["porosity"].uncertainty
+    assert porosity(grid) == alone["porosity"]
+    area = known["specific_surface_area"]
+    assert area.uncertainty > alone["specific_surface_area"].uncertainty
+
+
+def test_a_body_that_outgrows_its_bulk_is_told_by_voxels_alone():
+    class Grown(BentCells):
+        bulk_volume = 12.0
+
+        def sample_bulk(self, frame, pattern):
+            return self.tets(self.solid & (np.arange(4) < 2)).sample(frame, pattern)
+
+    model = Grown(np.ones((2, 3, 4), bool))
+    grid = voxelize(model, voxels=25)
+    assert "porosity" not in measure(extract_surface(grid), model=model, grid=grid)
+    row = measure(grid, model=model)["porosity"]
+    assert row.value <= 2 * row.uncertainty
+
+
+# --- the certificate ----------------------------------------------------------------------------
+
+
+def verdicts(certificate):
+    return {row.quantity: row.verdict for row in certificate.rows}
+
+
+def test_model_grid_surface_and_cells_agree():
+    model = BentCells(ring())
+    grid, surface, cells = voxelize(model, voxels=40), model.boundary(), mesh_cells(model)
+    rows = measure(model) + measure(grid, model=model)
+    rows += measure(surface, model=model) + measure(cells, model=model)
+    certificate = certify(model, grid, surface, cells, measures=rows)
+    assert set(verdicts(certificate).values()) == {"agree"}
+    assert certificate.rows[0].volume == pytest.approx(certificate.rows[0].model, rel=1e-12)
+
+
+def test_cells_that_lost_a_thousandth_are_found():
+    model = BentCells(ring())
+    cells = mesh_cells(model)
+    wrong = dataclasses.replace(cells, points=cells.points * 1.0003)
+    rows = measure(model) + measure(wrong, model=model)
+    certificate = certify(model, None, None, wrong, measures=rows)
+    assert verdicts(certificate)["volume"] == "differ"
+    assert "one is wrong" in certificate.rows[0].remedy
+
+
+def contact_rows():
+    """Return a grid with pinched nodes and rows of all: its closed surface goes round them."""
+    cells = np.ones((4, 5, 6), bool)
+    cells[1, 1, 1] = cells[2, 2, 2] = cells[1, 3, 3] = cells[2, 2, 4] = False
+    cells = np.concatenate([cells, np.zeros((2, 5, 6), bool)])
+    cells[4, 0, 0] = cells[5, 1, 0] = True  # and cells that touch in an edge alone
+    model = BentCells(cells)
+    grid = grid_of(cells)
+    surface = extract_surface(grid, method="voxel-faces")
+    return model, grid, surface, measure(grid) + measure(surface, model=model)
+
+
+def test_points_where_voids_meet_reconcile_the_surface_with_the_cells():
+    model, grid, surface, rows = contact_rows()
+    mesh = mesh_cells(model)
+    certificate = certify(model, grid, surface, mesh, measures=rows + measure(mesh, model=model))
+    row = next(row for row in certificate.rows if row.quantity == "euler_number")
+    assert row.verdict == "agree"
+    assert row.surface == row.grid == row.volume
+    assert "less the 3 points where voids meet" in row.remedy
+    assert f"surface is {row.grid + 3:g}" in row.remedy
+
+
+def test_without_cells_the_surface_is_not_judged():
+    model, grid, surface, rows = contact_rows()
+    certificate = certify(model, grid, surface, measures=rows)
+    row = next(row for row in certificate.rows if row.quantity == "euler_number")
+    assert row.verdict == "unknown"
+    assert 'volume.method = "cells"' in row.remedy
+
+
+def test_a_surface_that_is_wrong_stays_so():
+    model, grid, surface, rows = contact_rows()
+    mesh = mesh_cells(model)
+    rows = Measures(
+        tuple(
+            dataclasses.replace(row, value=row.value - 1)
+            if (row.of, row.name) == ("surface", "euler_number")
+            else row
+            for row in rows
+        )
+    )
+    certificate = certify(model, grid, surface, mesh, measures=rows + measure(mesh, model=model))
+    assert verdicts(certificate)["euler_number"] == "differ"
+
+
+# --- from a recipe to its folder ----------------------------------------------------------------
+
+
+@pytest.fixture
+def recipe(monkeypatch):
+    """Return recipes whose model is the one given; no pictures are drawn."""
+
+    def refuse(*_, **__):
+        raise ViewError("not now")
+
+    monkeypatch.setattr("porous.report._report.picture", refuse)
+
+    def of(model, **values):
+        monkeypatch.setattr("porous.pipeline.build", lambda _: model)
+        chosen = {key.replace("__", "."): value for key, value in values.items()}
+        return load("menger", set={"voxels.voxels": 20, **chosen})
+
+    return of
+
+
+def test_auto_takes_the_models_own_cells(recipe):
+    result = run(recipe(BentCells(ring())))
+    assert result.volume.is_of_cells
+    assert result.surface == BentCells(ring()).boundary()
+    assert result.measures["volume", "cells"].kind == "exact"
+    assert result.certificate.good
+    assert set(verdicts(result.certificate).values()) == {"agree"}
+    assert not result.notes
+    assert result.job.step is not None
+
+
+def test_cells_alone_need_neither_voxels_nor_surface(recipe):
+    result = run(recipe(BentCells(ring())), only="volume")
+    assert result.volume is not None
+    assert result.grid is result.surface is None
+    assert list(result.times) == ["model", "volume", "measures", "certificate"]
+    assert verdicts(result.certificate)["volume"] == "agree"
+
+
+def test_sides_are_the_models_faces_and_no_planes(recipe):
+    volume = run(recipe(BentCells(ring())), only="volume").volume
+    on = volume.points[volume.parts["ZMAX"].members]
+    assert np.allclose(np.arctan2(on[:, 2], on[:, 0]), 1.0)
+    assert np.ptp(on[:, 2]) > 0.5
+    assert len(volume.parts["XMIN_FACES"].members) == 10
+
+
+def test_cells_without_named_sides_get_those_of_their_box(recipe):
+    model = BentCells(ring(), bend=np.asarray, sides=False)
+    volume = run(recipe(model), only="volume").volume
+    assert len(volume.parts["XMIN_FACES"].members) == 10
+    assert len(volume.parts["WALL"].members) == 12
+    assert volume.is_of_cells
+
+
+@pytest.mark.parametrize("error", [ModelError, MeshError])
+def test_cells_that_cannot_be_are_told_and_voxels_take_over(recipe, error, monkeypatch):
+    class Folded(BentCells):
+        def cell_mesh(self):
+            raise error("cell 201 is folded")
+
+    monkeypatch.setattr(pipeline, "TETWILD_TRIANGLES", 0)
+    model = Folded(ring())
+    result = run(recipe(model), only="volume")
+    assert not result.volume.is_of_cells
+    assert result.notes[0] == "volume not of the model's cells: cell 201 is folded"
+    with pytest.raises(error, match="201"):
+        run(recipe(model, volume__method="cells"))
+
+
+def test_what_has_no_cells_says_what_it_has():
+    with pytest.raises(ModelError, match="kind ifs has an exact boundary and voxels"):
+        run(load("menger", set={"volume.method": "cells", "model.level": 1}), only="volume")
+
+
+def test_covers_and_tiles_are_not_the_models_cells(recipe, monkeypatch):
+    monkeypatch.setattr(pipeline, "TETWILD_TRIANGLES", 0)
+    model = BentCells(ring())
+    for values in ({"voxels__sampling": "cover"}, {"voxels__periodic": [True, False, False]}):
+        assert not run(recipe(model, **values), only="volume").volume.is_of_cells
+        chosen = recipe(model, **values, volume__method="cells")
+        assert run(chosen, only="volume").volume.is_of_cells
+
+
+def test_the_files_are_called_cells(recipe, tmp_path):
+    model = BentCells(ring())
+    make(recipe(model, volume__method="cells"), tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"cells.vtu", "cells.inp", "surface.stl", "grid.vti"} < names
+    assert names - {"recipe.toml", LAST} <= set(KNOWN)
+    again = read(tmp_path / "cells.vtu")
+    assert again.is_of_cells
+    assert measure(again)["volume"].kind == "exact"
+    rows = json.loads((tmp_path / LAST).read_text())["measures"]
+    assert {"cells", "closed form"} <= {row["method"] for row in rows if row["name"] == "volume"}
+    assert "the model's own cells" in (tmp_path / "report.html").read_text().replace("&#39;", "'")
+
+
+def test_only_the_volume_is_written(recipe, tmp_path):
+    make(recipe(BentCells(ring())), tmp_path, only="volume")
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"recipe.toml", "cells.vtu", "cells.inp", "log.json", LAST}
+
+
+def test_the_report_says_whose_cells_they_are(recipe):
+    result = run(recipe(BentCells(ring())), only="volume")
+    made = dict(provenance(result).made)
+    assert made["volume mesh"].startswith("20 hexahedra, the model's own cells, ")
