@@ -275,48 +275,58 @@ def _tetrahedra(
 
 
 @kernel
-def _between(slope, value, most, low, high):
+def _between(slope, inverse, value, most, low, high):
     # The part of a span where 0 ≤ value + slope z ≤ most; an empty one has its ends swapped.
     if abs(slope) < VERTICAL:
         if value < 0.0 or value > most:
             return np.inf, -np.inf
         return low, high
-    first, second = -value / slope, (most - value) / slope
+    first, second = -value * inverse, (most - value) * inverse
     return max(low, min(first, second)), min(high, max(first, second))
 
 
 @kernel
-def _round_rod(p, q, radius, x, y, low, high):
-    # Join the span of a ball about p, and of the cylinder about the segment from p to q, on the
-    # line through (x, y).
-    x, y = x - p[0], y - p[1]
-    rest = radius * radius - x * x - y * y
+def _rods(rods, places):
+    # Of each corner, and the edge from it to the next: the place, the edge's direction, its length,
+    # the squared part of the direction across z, the inverses of that and of the part along z.
+    n = places.shape[0]
+    for v in range(n):
+        p, q = places[v], places[v if n == 2 and v == 0 else v - 1]
+        ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        length = np.sqrt(ux * ux + uy * uy + uz * uz)
+        rods[v, :3], rods[v, 3:] = p, 0.0
+        if length > 0.0:
+            ux, uy, uz = ux / length, uy / length, uz / length
+            flat = ux * ux + uy * uy
+            rods[v, 3], rods[v, 4], rods[v, 5], rods[v, 6] = ux, uy, uz, length
+            rods[v, 7], rods[v, 8], rods[v, 9] = flat, 1.0 / flat, 1.0 / uz
+
+
+@kernel
+def _round_rod(rod, squared, x, y, low, high):
+    # Join the span of a ball about a corner, and of the cylinder about its edge, on the line
+    # through (x, y).
+    x, y = x - rod[0], y - rod[1]
+    rest = squared - x * x - y * y
     if rest >= 0.0:
         root = np.sqrt(rest)
-        low, high = min(low, p[2] - root), max(high, p[2] + root)
-    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    length = np.sqrt(ux * ux + uy * uy + uz * uz)
-    if length == 0.0:
-        return low, high
-    ux, uy, uz = ux / length, uy / length, uz / length
-    flat = ux * ux + uy * uy
-    across = x * uy - y * ux
-    along = x * ux + y * uy
-    root = flat * radius * radius - across * across
-    if flat < VERTICAL * VERTICAL or root < 0.0:
+        low, high = min(low, rod[2] - root), max(high, rod[2] + root)
+    across = x * rod[4] - y * rod[3]
+    rest = rod[7] * squared - across * across
+    if rod[7] < VERTICAL * VERTICAL or rest < 0.0:
         return low, high  # along z the balls at both ends hold the whole span
-    root = np.sqrt(root)
-    first, last = (along * uz - root) / flat, (along * uz + root) / flat
-    first, last = _between(uz, along, length, first, last)
+    root, along = np.sqrt(rest), x * rod[3] + y * rod[4]
+    first, last = (along * rod[5] - root) * rod[8], (along * rod[5] + root) * rod[8]
+    first, last = _between(rod[5], rod[9], along, rod[6], first, last)
     if first <= last:
-        low, high = min(low, p[2] + first), max(high, p[2] + last)
+        low, high = min(low, rod[2] + first), max(high, rod[2] + last)
     return low, high
 
 
 @kernel
 def _walls(walls, places):
-    # Of a triangle: the rows of forms that vanish on its plane and on its sides, unit normals, the
-    # latter positive within. Whether it has an area.
+    # Of a triangle: the rows of forms that vanish on its sides, positive within, and on its plane,
+    # unit normals, and the inverses of their slopes. Whether it has an area.
     a, b, c = places[0], places[1], places[2]
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -333,24 +343,26 @@ def _walls(walls, places):
         length = np.sqrt(sx * sx + sy * sy + sz * sz)
         sx, sy, sz = sx / length, sy / length, sz / length
         walls[k, 0], walls[k, 1], walls[k, 2] = sx, sy, sz
-        walls[k, 3] = -(sx * p[0] + sy * p[1] + sz * p[2])
+        walls[k, 3], walls[k, 4] = -(sx * p[0] + sy * p[1] + sz * p[2]), 1.0 / sz
     walls[3, 0], walls[3, 1], walls[3, 2] = nx, ny, nz
-    walls[3, 3] = -(nx * a[0] + ny * a[1] + nz * a[2])
+    walls[3, 3], walls[3, 4] = -(nx * a[0] + ny * a[1] + nz * a[2]), 1.0 / nz
     return True
 
 
 @kernel
-def _slab(walls, radius, x, y, low, high):
-    # Join the span of a triangle thickened to both sides.
-    first, last = -np.inf, np.inf
+def _slab(walls, radius, x, y):
+    # The span of a triangle thickened to both sides; whether its ends lie on those.
+    low, high = -np.inf, np.inf
     for k in range(3):
         value = walls[k, 0] * x + walls[k, 1] * y + walls[k, 3]
-        first, last = _between(walls[k, 2], value, np.inf, first, last)
+        low, high = _between(walls[k, 2], walls[k, 4], value, np.inf, low, high)
     value = walls[3, 0] * x + walls[3, 1] * y + walls[3, 3] + radius
-    first, last = _between(walls[3, 2], value, 2.0 * radius, first, last)
-    if first <= last:
-        low, high = min(low, first), max(high, last)
-    return low, high
+    first, last = _between(walls[3, 2], walls[3, 4], value, 2.0 * radius, -np.inf, np.inf)
+    whole = low <= first and first <= last and last <= high
+    low, high = max(low, first), min(high, last)
+    if low <= high:
+        return low, high, whole
+    return np.inf, -np.inf, False
 
 
 @kernel
@@ -361,7 +373,7 @@ def _swept(
     # cylinders and slabs, make one. Stop after a budget of lines; return where.
     everything = ~np.uint64(0) >> np.uint64(64 - depths.size)
     lines, n = 0, corners.shape[1]
-    box, places, walls = np.empty(6), np.empty((n, 3)), np.empty((4, 4))
+    box, places, rods, walls = np.empty(6), np.empty((n, 3)), np.empty((n, 10)), np.empty((4, 5))
     lows, highs = np.empty(rows.shape[0]), np.empty(rows.shape[0])
     while at < blocks.shape[0] * size and lines < budget:
         p = blocks[at // size] * size + at % size
@@ -382,6 +394,7 @@ def _swept(
         x0, y0, x1, y1 = columns(box, start, masks.shape)
         if x1 < x0 or y1 < y0:
             continue
+        _rods(rods, places)
         wide = n == 3 and _walls(walls, places)
         ox = (corners[p, 0, 0] - origin[0]) / spacing[0]
         oy = (corners[p, 0, 1] - origin[1]) / spacing[1]
@@ -395,12 +408,11 @@ def _swept(
                 for r in range(rows.shape[0]):
                     x = (i + rows[r, 0] - ox) * spacing[0]
                     y = (j + rows[r, 1] - oy) * spacing[1]
-                    low, high = np.inf, -np.inf
-                    for v in range(n):
-                        q = places[v if n == 2 and v == 0 else v - 1]
-                        low, high = _round_rod(places[v], q, radius, x, y, low, high)
+                    low, high, done = np.inf, -np.inf, False
                     if wide:
-                        low, high = _slab(walls, radius, x, y, low, high)
+                        low, high, done = _slab(walls, radius, x, y)
+                    for v in range(0 if done else n):
+                        low, high = _round_rod(rods[v], radius * radius, x, y, low, high)
                     lows[r] = oz + low / spacing[2] - CLOSED
                     highs[r] = oz + high / spacing[2] + CLOSED
                 _strokes(column, start[2], lows, highs, depths)
