@@ -1,6 +1,8 @@
 """Meshes by construction: nodes as the complex counts them, closed boundaries, named cells."""
 
 import itertools
+import pickle
+from dataclasses import replace
 from functools import cache
 
 import naive_elasticity
@@ -29,11 +31,12 @@ from porous.models.builders._joins import Covered, Part, Placed, joins
 from porous.models.cell_folds import address
 from porous.models.cell_mesh import cell_mesh
 from porous.models.cell_nodes import cell_nodes
+from porous.models.cell_shapes import cut
 from porous.models.cell_surface import cell_boundary
 from porous.models.closure import closure
 from porous.models.complex import cell_complex
 from porous.models.digits import DigitSet
-from porous.models.solve import solve
+from porous.models.solve import Solution, solve
 from porous.stages import hexahedralize, name_parts
 from porous.values import Block, Box, Frame, VolumeMesh, VoxelGrid
 from porous.values.surface_topology import check_closed, defects, euler_number, pieces
@@ -57,9 +60,9 @@ HEX_FRAMES = {corner: [corner ^ 4, corner ^ 2, corner ^ 1] for corner in range(8
 class System:
     """A cell's states, solved, and its complexes by level."""
 
-    def __init__(self, brep):
+    def __init__(self, brep, moves=None):
         self.brep = brep
-        self.solution = solve(brep)
+        self.solution = solve(brep, moves or {})
         self.closure = closure(self.solution)
         self.complex = cache(lambda level: cell_complex(self.closure, level))
         self.controls = brep.states[brep.start].controls
@@ -434,6 +437,27 @@ def test_random_controls_leave_meshes_conforming(family, amount):
         assert_conforming(nodes, 1, system)
 
 
+def test_random_sliders_leave_meshes_conforming():
+    plain = hexa("full")
+    assert len(plain.solution.sliders) == 3  # the middles of edges, of faces and of the cell
+    for seed in range(25):
+        random = np.random.default_rng(seed)
+        moves = {}
+        for slider in plain.solution.sliders:
+            move = random.uniform(-0.03, 0.03, slider.size)
+            moves[slider.name] = move - move.mean()
+        system = System(plain.brep, moves)
+        assert_conforming(system.nodes(2, plain.bent(seed, 0.02)), 2, system)
+
+
+def test_cells_pickle_and_compare_by_content():
+    nodes = simplicial("tetra-octa").nodes(1)
+    again = pickle.loads(pickle.dumps(nodes))
+    assert again == nodes
+    assert cell_mesh(again) == cell_mesh(nodes)
+    assert not nodes.points.flags.writeable
+
+
 @pytest.mark.parametrize("cell", ["hex-8", "hex-27", "tetra"])
 def test_affine_maps_of_controls_are_affine_maps_of_the_mesh(cell):
     system = simplicial("tetra") if cell == "tetra" else hexa("menger", cell)
@@ -593,7 +617,7 @@ def test_folded_cells_are_named():
             with pytest.raises(ModelError, match=f"cell {name} .*so are {len(bad)} of 20 cells"):
                 system.nodes(1, controls)
         else:
-            assert_conforming(system.nodes(1, controls), 1, system)
+            assert (cell_mesh(system.nodes(1, controls)).volumes > 0).all()
     assert 10 < folded < 90
 
 
@@ -631,6 +655,64 @@ def test_cells_that_are_no_volumes_are_refused():
     system = System(BRep(brep.states, face))
     with pytest.raises(ModelError, match="state face are of shape quad, no volumes"):
         system.nodes(1)
+
+
+def changed_start(brep, **fields):
+    states = list(brep.states)
+    states[brep.start] = replace(states[brep.start], **fields)
+    return BRep(tuple(states), brep.start)
+
+
+def test_shapes_without_all_their_boundaries_are_refused():
+    brep = hexa("full").brep
+    bare = System(changed_start(brep, boundaries=(), incidences=(), adjacencies=()))
+    wanted = "8 vertices, 12 edges and 6 faces"
+    with pytest.raises(ModelError, match=f"has 0 vertices, 0 edges .* of a hexa: {wanted}"):
+        bare.nodes(1)
+
+
+def test_corners_that_are_no_face_of_the_shape_are_refused():
+    brep = simplicial("tetra-octa", None, "octa").brep
+    state = brep.states[brep.start]
+    wrong = replace(state, shape="hexa")
+    states = tuple(wrong if q == brep.start else s for q, s in enumerate(brep.states))
+    with pytest.raises(ModelError, match=r"has 6 vertices, 12 edges and 8 faces"):
+        cut(BRep(states, brep.start), brep.start)
+    swapped = list(state.boundaries)
+    corners = brep.of_dimension(brep.start, 0)
+    a, b = corners[1], corners[2]  # no longer in opposite pairs
+    swapped[a], swapped[b] = swapped[b], swapped[a]
+    own = replace(state, boundaries=tuple(swapped), incidences=(), adjacencies=())
+    states = tuple(own if q == brep.start else s for q, s in enumerate(brep.states))
+    plain = [replace(s, children=(), incidences=(), adjacencies=()) for s in states]
+    with pytest.raises(ModelError, match=r"corners \(.*\) are no face of its shape"):
+        cut(BRep(tuple(plain), brep.start), brep.start)
+
+
+def test_a_face_called_as_every_meshs_parts_is_refused():
+    brep = hexa("full").brep
+    boundaries = list(brep.states[brep.start].boundaries)
+    boundaries[0] = replace(boundaries[0], name="SKIN")
+    system = System(changed_start(brep, boundaries=tuple(boundaries)))
+    with pytest.raises(ModelError, match="called SKIN"):
+        cell_mesh(system.nodes(1))
+
+
+def test_corners_that_tear_are_refused():
+    system = hexa("menger", "hex-27")
+    matrices = [list(own) for own in system.solution.matrices]
+    matrices[0][0] = matrices[0][0] + 1e-9 * np.eye(27)[:, [26]] - 1e-9 * np.eye(27)[:, [0]]
+    torn = Solution(system.brep, matrices, (), 0.0)
+    with pytest.raises(ModelError, match=r"occurrences of one corner lie .* apart"):
+        cell_nodes(torn, system.complex(1), torn.automaton(), 1)
+
+
+def test_faces_of_three_cells_are_refused():
+    nodes = hexa("full").nodes(1)
+    (group,) = nodes.groups
+    same = replace(nodes, groups=(replace(group, faces=np.zeros_like(group.faces)),))
+    with pytest.raises(ModelError, match="1 faces are shared by three cells or more"):
+        cell_mesh(same)
 
 
 def test_other_contacts_are_refused():

@@ -45,7 +45,7 @@ TEAR = 1e-12
 EQUAL = 1e-9
 """Diagonals whose squares differ less than this part are as long: the first one cuts."""
 
-BYTES_PER_CELL = 1200
+BYTES_PER_CELL = 1500
 
 
 @dataclass(frozen=True, eq=False)

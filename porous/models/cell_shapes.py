@@ -51,6 +51,9 @@ CUTS: dict[str, tuple[str, tuple[Elements, ...]]] = {
 }
 """The element and the variants of each shape: for each diagonal, then the same mirrored."""
 
+COUNTS = {"hexa": (8, 12, 6), "tetra": (4, 6, 4), "octa": (6, 12, 8)}
+"""Vertices, edges and faces of each shape."""
+
 FRAMES = {
     "tet4": ((0, 1, 2, 3),),
     "hex8": (
@@ -117,11 +120,11 @@ def cut(brep: BRep, index: int) -> Cut:
         )
     kind, variants = CUTS[state.shape]
     elements = np.array(variants)
-    vertices = brep.of_dimension(index, 0)
-    if len(vertices) != elements.max() + 1:
+    counts = tuple(len(brep.of_dimension(index, d)) for d in range(3))
+    if counts != COUNTS[state.shape]:
         raise ModelError(
-            f"mesh: state {state.name} has {len(vertices)} vertices; "
-            f"a {state.shape} has {elements.max() + 1}"
+            f"mesh: state {state.name} has {_read(counts)}; wanted those of a {state.shape}: "
+            f"{_read(COUNTS[state.shape])}"
         )
     faces = [_ends(brep, index, k) for k in brep.of_dimension(index, 2)]
     edges = [_ends(brep, index, k) for k in brep.of_dimension(index, 1)]
@@ -134,6 +137,10 @@ def cut(brep: BRep, index: int) -> Cut:
     return Cut(
         kind, elements, frames, padded, loops, sides, members, _wings(state.name, sides[0], edges)
     )
+
+
+def _read(counts: tuple[int, ...]) -> str:
+    return "{} vertices, {} edges and {} faces".format(*counts)
 
 
 def _ends(brep: BRep, index: int, boundary: int) -> tuple[int, ...]:

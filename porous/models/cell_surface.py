@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from porous.memory import check_memory
 from porous.models.cell_mesh import numbered
 from porous.models.cell_shapes import WIDTH
 from porous.values.surface import SurfaceMesh
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     Indices = NDArray[np.int64]
 
 WALL = "WALL"
+
+BYTES_PER_FACE = 1200
 
 
 class _Rims(NamedTuple):
@@ -58,7 +61,11 @@ def cell_boundary(nodes: CellNodes, *, unit: str = "mm") -> SurfaceMesh:
     ------
     ModelError
         Where a face has more than two cells.
+    MemoryLimitError
+        Before anything is allocated.
     """
+    count = int(nodes.outer.sum())
+    check_memory(BYTES_PER_FACE * count, f"a surface of {count} faces", "Choose a lower level.")
     rims = _rims(nodes)
     first, second = _joined_rims(nodes, rims)
     corner, vertex = _corners(rims, first, second)
@@ -185,31 +192,26 @@ def _fanned(
 ) -> SurfaceMesh:
     """Return the surface: triangles as they are, all else fanned about the mean of its corners."""
     many = (corner >= 0).sum(axis=1)
-    whole = (many == 3) & (middle < 0).all(axis=1)
-    fanned = np.flatnonzero(~whole)
-    real = corner[fanned] >= 0
-    spots = np.where(real[:, :, None], points[corner[fanned]], 0.0)
+    fanned = (many > WIDTH - 1) | (middle >= 0).any(axis=1)
+    spots = np.where(corner[fanned, :, None] < 0, 0.0, points[corner[fanned]])
     centres = spots.sum(axis=1) / many[fanned, None]
-    centre = np.full(len(corner), -1)
-    centre[fanned] = len(points) + np.arange(len(fanned))
+    # A triangle is a fan of one: about its third corner, from the first to the second.
+    centre = corner[:, 2].copy()
+    centre[fanned] = len(points) + np.arange(len(centres))
+    # Every rim makes a triangle with the centre; where it has a middle, two.
+    count = np.where(corner < 0, 0, 1 + (middle >= 0))
+    count[~fanned, 1:] = 0
     after = np.where(
         np.arange(WIDTH) + 1 < many[:, None], np.roll(corner, -1, axis=1), corner[:, :1]
     )
-    # For each rim up to two triangles: from its start to its middle or end, and on to its end.
-    stop = np.where(middle < 0, after, middle)
-    pivot = np.broadcast_to(centre[:, None], corner.shape)
-    triangles = np.stack(
-        [np.stack([corner, stop, pivot], axis=2), np.stack([middle, after, pivot], axis=2)], axis=2
-    )
-    used = np.stack([corner >= 0, middle >= 0], axis=2)
-    triangles[whole, 0, 0] = corner[whole, :3]
-    used[whole] = False
-    used[whole, 0, 0] = True
-    face = np.broadcast_to(np.arange(len(corner))[:, None, None], used.shape)
-    return SurfaceMesh(
-        np.vstack([points, centres]),
-        triangles[used],
-        unit,
-        label[face[used]].astype(np.int16),
-        names,
-    )
+    first = (np.cumsum(count) - count.ravel()).reshape(count.shape)
+    triangles = np.empty((int(count.sum()), 3), np.int64)
+    for rims, start, stop, at in (
+        (count > 0, corner, np.where(middle < 0, after, middle), first),
+        (middle >= 0, middle, after, first + 1),
+    ):
+        triangles[at[rims]] = np.column_stack(
+            [start[rims], stop[rims], np.repeat(centre, rims.sum(axis=1))]
+        )
+    labels = np.repeat(label, count.sum(axis=1)).astype(np.int16)
+    return SurfaceMesh(np.vstack([points, centres]), triangles, unit, labels, names)
