@@ -366,6 +366,34 @@ def _slab(walls, radius, x, y):
 
 
 @kernel
+def _fence(fence, rods, radius, width, depth):
+    # Half-planes a x + b y ≤ c that hold the middles of the columns which a body can reach: two for
+    # each edge, seen along z.
+    n = rods.shape[0]
+    for v in range(n):
+        flat = np.sqrt(rods[v, 7])
+        fence[v, :] = 0.0
+        if flat > 1e-6:
+            a, b = rods[v, 4] / flat, -rods[v, 3] / flat
+            least, most = np.inf, -np.inf
+            for w in range(n):
+                place = a * rods[w, 0] + b * rods[w, 1]
+                least, most = min(least, place), max(most, place)
+            reach = radius + 0.5 * (abs(a) * width + abs(b) * depth) * (1 + 1e-9)
+            fence[v, 0], fence[v, 1] = a, b
+            fence[v, 2], fence[v, 3] = least - reach, most + reach
+
+
+@kernel
+def _fenced_out(fence, x, y):
+    for v in range(fence.shape[0]):
+        place = fence[v, 0] * x + fence[v, 1] * y
+        if place < fence[v, 2] or place > fence[v, 3]:
+            return True
+    return False
+
+
+@kernel
 def _swept(
     masks, start, rows, depths, corners, radii, more, blocks, size, origin, spacing, at, budget
 ):
@@ -374,6 +402,7 @@ def _swept(
     everything = ~np.uint64(0) >> np.uint64(64 - depths.size)
     lines, n = 0, corners.shape[1]
     box, places, rods, walls = np.empty(6), np.empty((n, 3)), np.empty((n, 10)), np.empty((4, 5))
+    fence = np.empty((n, 4))
     lows, highs = np.empty(rows.shape[0]), np.empty(rows.shape[0])
     while at < blocks.shape[0] * size and lines < budget:
         p = blocks[at // size] * size + at % size
@@ -395,6 +424,7 @@ def _swept(
         if x1 < x0 or y1 < y0:
             continue
         _rods(rods, places)
+        _fence(fence, rods, radius, spacing[0], spacing[1])
         wide = n == 3 and _walls(walls, places)
         ox = (corners[p, 0, 0] - origin[0]) / spacing[0]
         oy = (corners[p, 0, 1] - origin[1]) / spacing[1]
@@ -402,6 +432,9 @@ def _swept(
         lines += (x1 - x0 + 1) * (y1 - y0 + 1) * rows.shape[0]
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
+                x, y = (i + 0.5 - ox) * spacing[0], (j + 0.5 - oy) * spacing[1]
+                if _fenced_out(fence, x, y):
+                    continue
                 column = masks[i - start[0], j - start[1]]
                 if _full(column, start[2], box[2], box[5], everything):
                     continue
