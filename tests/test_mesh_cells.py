@@ -71,7 +71,8 @@ class System:
         return self.solution.automaton(controls)
 
     def nodes(self, level, controls=None):
-        return cell_nodes(self.solution, self.complex(level), self.automaton(controls), level)
+        placed = cell_nodes(self.solution, self.complex(level), self.automaton(controls), level)
+        return placed.unfolded
 
     def bent(self, seed, amount=0.05):
         """Return controls of unequal axes, each displaced at random."""

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from porous.errors import ModelError, nearest
 from porous.models.automaton import DEEPEST
-from porous.models.builders import Options, Texture, build_cell, builders
+from porous.models.builders import Options, Texture, build_cell, cell_names
 from porous.models.cell_body import CellBody, thinnest
 from porous.models.cell_system import CellSystem, natural_box
 from porous.models.contraction import check_contracts
@@ -80,7 +80,7 @@ class BCIFSSection(Section):
     """The ``[model]`` table of a boundary-controlled iterated function system."""
 
     kind: Literal["bcifs"] = Field(description='"bcifs"')
-    cell: str | None = Field(default=None, description=f"one of {', '.join(builders())}")
+    cell: str | None = Field(default=None, description=f"one of {', '.join(cell_names())}")
     states: Annotated[tuple[StateSection, ...], Field(strict=False, min_length=1)] | None = Field(
         default=None, description="tables of one's own states, in place of cell"
     )
@@ -98,8 +98,14 @@ class BCIFSSection(Section):
     keep: dict[str, Names] | None = Field(
         default=None, description="the names of the children that each state keeps"
     )
-    texture: TextureSection | None = Field(
-        default=None, description="{ edge = r, bump = h } of cells with 27 controls"
+    texture: (
+        TextureSection
+        | Annotated[tuple[TextureSection, TextureSection, TextureSection], Field(strict=False)]
+        | None
+    ) = Field(
+        default=None,
+        description="{ edge = r, bump = h } of cells with 27 controls; or three of these, for the "
+        "lines along x, y and z",
     )
     moves: dict[str, Numbers] = Field(
         default_factory=dict, description="free points by name, and how far each is moved"
@@ -135,8 +141,8 @@ class BCIFSSection(Section):
         if (self.cell is None) == (self.states is None):
             got = "both" if self.cell else "neither"
             raise ValueError(f"got {got} of cell and states; wanted one")
-        if self.cell is not None and self.cell not in builders():
-            raise ValueError(f"no cell {self.cell!r}{nearest(self.cell, builders())}")
+        if self.cell is not None and self.cell not in cell_names():
+            raise ValueError(f"no cell {self.cell!r}{nearest(self.cell, cell_names())}")
         if self.states is not None:
             for name in ("digits", "keep", "texture"):
                 if getattr(self, name) is not None:
@@ -261,17 +267,27 @@ def _brep(section: BCIFSSection) -> BRep:
     if section.states is not None:
         return build_states(section.states, section.start)
     assert section.cell is not None
-    texture = section.texture
     return build_cell(
         Options(
             cell=section.cell,
             digits=section.digit_sets(),
-            texture=None if texture is None else Texture(edge=texture.edge, bump=texture.bump),
+            texture=_texture(section.texture),
             keep=section.keep,
             controls=None if section.controls is None else len(section.controls),
             start=section.start,
         )
     )
+
+
+def _texture(
+    given: TextureSection | tuple[TextureSection, ...] | None,
+) -> Texture | tuple[Texture, Texture, Texture] | None:
+    if given is None:
+        return None
+    if isinstance(given, TextureSection):
+        return Texture(edge=given.edge, bump=given.bump)
+    x, y, z = (Texture(edge=each.edge, bump=each.bump) for each in given)
+    return x, y, z
 
 
 def _default_digits(brep: BRep) -> tuple[DigitSet, ...]:

@@ -49,7 +49,7 @@ def _row(name: str, value: float, unit: str = "1") -> Measure:
 
 def _volumes(body: CellBody) -> Iterator[Measure]:
     volume = affine_volume(body.solution, body.controls, body.level)
-    if volume is None and body.digits and body.controls.shape[1] == 8:
+    if volume is None and _is_block(body):
         volume = block_volume(body.controls, body.digits_by_level)
     if volume is None:
         return
@@ -70,8 +70,14 @@ def _areas(body: CellBody) -> Iterator[Measure]:
     yield _row("specific_surface_area", area / body.bulk_volume, f"1/{body.unit}")
 
 
+def _is_block(body: CellBody) -> bool:
+    """Tell whether the cells are the images of a cube's sub-cubes under a trilinear map."""
+    regular = volume_ratios(body.solution) is not None
+    return regular and bool(body.digits) and body.controls.shape[1] == 8
+
+
 def _cube_edge(body: CellBody) -> float | None:
-    if body.controls.shape[1] != 8 or not body.digits:
+    if not _is_block(body):
         return None
     edges = body.controls[:, [4, 2, 1]] - body.controls[:, :1]
     edge = float(np.linalg.norm(edges[:, 0]))
@@ -107,20 +113,11 @@ def _topology(body: CellBody) -> Iterator[Measure]:
 
 def _face_components(body: CellBody) -> int:
     """Return the number of pieces of cells that are joined by faces."""
-    brep, start = body.brep, 0
-    cells, faces = [np.zeros(0, np.int64)], [np.zeros((0, 2), np.int64)]
-    for group in body.complex.cells:
-        number = start + np.arange(len(group.place))
-        for k in brep.of_dimension(group.state, 2):
-            state = brep.states[group.state].boundaries[k].state
-            cells.append(number)
-            faces.append(np.column_stack([np.full(len(number), state), group.ids[:, k]]))
-        start += len(number)
-    cell, face = np.concatenate(cells), np.concatenate(faces)
-    order = np.lexsort(face.T)
-    same = (face[order[1:]] == face[order[:-1]]).all(axis=1)
-    one, other = cell[order[:-1][same]], cell[order[1:][same]]
-    return int(joined(start, one, other).max(initial=-1)) + 1
+    nodes = body.nodes
+    fans = [np.full(len(group.place), group.faces.shape[1]) for group in nodes.groups]
+    cell = np.repeat(np.arange(nodes.cells), np.concatenate(fans))
+    one, other = (cell[sides] for sides in nodes.pairs)
+    return int(joined(nodes.cells, one, other).max(initial=-1)) + 1
 
 
 def affine_volume(solution: Solution, controls: Floats, level: int) -> float | None:
@@ -139,6 +136,24 @@ def affine_volume(solution: Solution, controls: Floats, level: int) -> float | N
         Zero or more.
     """
     brep = solution.brep
+    ratios = volume_ratios(solution)
+    if ratios is None:
+        return None
+    whole = affine_image(brep.states[brep.start].controls, controls)
+    if whole is None:
+        return None
+    filled = np.array([reference_volume(solution.brep, q) for q in brep.reached])
+    sums = np.linalg.matrix_power(ratios, level) @ filled
+    return float(abs(np.linalg.det(whole)) * sums[0])
+
+
+def volume_ratios(solution: Solution) -> Floats | None:
+    """Return the sums of the volume ratios of children by states (reached, reached).
+
+    A ratio is |det A| of the affine map that takes a child's reference cell into its parent's; None
+    where some child is no affine image of its reference cell.
+    """
+    brep = solution.brep
     place = {q: i for i, q in enumerate(brep.reached)}
     ratios = np.zeros((len(place),) * 2)
     for q in brep.reached:
@@ -150,12 +165,7 @@ def affine_volume(solution: Solution, controls: Floats, level: int) -> float | N
             ratios[place[q], place[child.state]] += abs(np.linalg.det(image))
         if not state.children:
             ratios[place[q], place[q]] = 1.0
-    whole = affine_image(brep.states[brep.start].controls, controls)
-    if whole is None:
-        return None
-    filled = np.array([reference_volume(solution.brep, q) for q in brep.reached])
-    sums = np.linalg.matrix_power(ratios, level) @ filled
-    return float(abs(np.linalg.det(whole)) * sums[0])
+    return ratios
 
 
 def reference_volume(brep: BRep, index: int) -> float:

@@ -48,8 +48,8 @@ def cell_mesh(nodes: CellNodes, *, contacts: str = "apart", unit: str = "mm") ->
     Raises
     ------
     ModelError
-        For another word for ``contacts``, faces of the level-0 cell that are called ``SKIN``,
-        ``WALL`` or ``SOLID``.
+        For cells that are folded (names an address), another word for ``contacts``, faces of the
+        level-0 cell that are called ``SKIN``, ``WALL`` or ``SOLID``.
     """
     if contacts not in ("apart", "shared"):
         raise ModelError(f"contacts: got {contacts!r}; wanted 'apart' or 'shared'")
@@ -59,6 +59,7 @@ def cell_mesh(nodes: CellNodes, *, contacts: str = "apart", unit: str = "mm") ->
             f"mesh: a face of the level-0 cell is called {taken[0]}; wanted a name "
             f"other than {', '.join(RESERVED)}"
         )
+    nodes = nodes.unfolded
     shared = nodes.slots, np.arange(len(nodes.points))
     node, vertex = shared if contacts == "shared" else hung(nodes)
     layout = _layout(nodes)

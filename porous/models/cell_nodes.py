@@ -111,6 +111,8 @@ class CellNodes(Value):
         Names of the level-0 cell's faces, by their index among its boundaries.
     closures
         For each of them all the boundaries of the level-0 cell that lie in it.
+    brep, level
+        Whose cells these are.
     """
 
     points: Floats
@@ -118,6 +120,8 @@ class CellNodes(Value):
     origins: tuple[Indices, Indices]
     faces: Mapping[int, str]
     closures: Mapping[int, tuple[int, ...]]
+    brep: BRep
+    level: int
 
     def __post_init__(self) -> None:
         self._set("points", frozen(self.points, np.float64))
@@ -130,6 +134,16 @@ class CellNodes(Value):
     def cells(self) -> int:
         """Number of cells."""
         return sum(len(group.place) for group in self.groups)
+
+    @cached_property
+    def unfolded(self) -> CellNodes:
+        """These cells, looked at: none is folded.
+
+        Raises ``ModelError`` where one is folded or flat; names the first one's address, children
+        by name.
+        """
+        check_folds(self.points, self.groups, self.brep, self.level)
+        return self
 
     @cached_property
     def slots(self) -> Indices:
@@ -197,7 +211,7 @@ class CellNodes(Value):
 def cell_nodes(
     solution: Solution, complex_: Complex, automaton: Automaton, level: int
 ) -> CellNodes:
-    """Return the cells of a complex with the positions of their corners, checked.
+    """Return the cells of a complex with the positions of their corners, folded or not.
 
     The last level is multiplied by T_child·B_corner only. Sums run in one order
     (``automaton.product``): the coordinates are those of the automaton's own cells.
@@ -216,9 +230,8 @@ def cell_nodes(
     Raises
     ------
     ModelError
-        For cells that are no volumes; controls that coincide; cells that are folded or flat
-        (names the first one's address, children by name); constraints under which occurrences of
-        one corner lie apart.
+        For cells that are no volumes; controls that coincide; constraints under which occurrences
+        of one corner lie apart.
     MemoryLimitError
         Before anything is allocated.
     """
@@ -246,12 +259,11 @@ def cell_nodes(
         )
         for entities, own, how in zip(complex_.cells, corners, cuts, strict=True)
     )
-    check_folds(points, groups, brep, level)
     origins = _origins(brep, complex_, 0), _origins(brep, complex_, 2)
     start, faces = brep.start, brep.of_dimension(brep.start, 2)
     names = {k: brep.states[start].boundaries[k].name for k in faces}
     closures = {k: (k, *(use.boundary for use in brep.sub[start][k])) for k in faces}
-    return CellNodes(points, groups, origins, names, closures)
+    return CellNodes(points, groups, origins, names, closures, brep, level)
 
 
 def _of_dimension(brep: BRep, dimension: int) -> list[int]:

@@ -60,13 +60,13 @@ def cell_boundary(nodes: CellNodes, *, unit: str = "mm") -> SurfaceMesh:
     Raises
     ------
     ModelError
-        Where a face has more than two cells.
+        For cells that are folded (names an address), or a face with more than two cells.
     MemoryLimitError
         Before anything is allocated.
     """
     count = int(nodes.outer.sum())
     check_memory(BYTES_PER_FACE * count, f"a surface of {count} faces", "Choose a lower level.")
-    rims = _rims(nodes)
+    rims = _rims(nodes.unfolded)
     first, second = _joined_rims(nodes, rims)
     corner, vertex = _corners(rims, first, second)
     points = nodes.points[vertex]
