@@ -27,9 +27,9 @@ from porous.models.automaton import (
 from porous.models.cifs import CIFS, born, cifs
 from porous.models.drawing import Body, cell, image, nothing, sticks
 from porous.models.ifs import ifs
+from porous.models.mixtures import weights_of
 from porous.models.pieces import Pieces
 from porous.models.primitive import named
-from porous.models.weights import weights_of
 from porous.recipe import build, dump, load, parse
 from porous.stages import voxelize
 from porous.values import CENTRE, FILL, Box, Frame

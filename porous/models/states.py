@@ -28,7 +28,7 @@ from porous.models.brep import (
     selection,
 )
 from porous.models.sections import Section, Triple
-from porous.models.weights import weights_of
+from porous.models.mixtures import weights_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
