@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from porous.measures import measure
-from porous.models.model import HasBoundary, HasCells
+from porous.models.model import HasBoundary
 from porous.values import Measures, VoxelGrid
 from porous.values.measure import SUBJECTS
 from porous.values.value import Value
@@ -120,9 +120,8 @@ def certify(
     exact where it is equal; what is measured on the grid is an estimate, and agrees where it is
     within that or twice its standard uncertainty.
 
-    Where voids meet in a point of the solid, voxels join them and an exact boundary goes round
-    each: its Euler number is then taken less the number of such points that the cells have
-    (``pinched_nodes``), and is not judged where there are no cells to count them.
+    Where cells meet in points and edges alone, or voids in points, voxels that lie anyhow do not
+    resolve their topology: a grid that alone differs in it is then not judged.
 
     Parameters
     ----------
@@ -143,42 +142,42 @@ def certify(
     checks = []
     for quantity, rows in asked.items():
         check = _check(quantity, rows)
-        checks.append(replace(check, remedy=_remedy(check, rows, voxels, exact=exact)))
-        if quantity == "euler_number" and check.verdict == "differ":
-            checks[-1] = _less_pinches(checks[-1], rows, measures, has_cells=_has_cells(model))
+        check = replace(check, remedy=_remedy(check, rows, voxels, exact=exact))
+        checks.append(_with_contacts(check, rows, measures))
     return Certificate(tuple(checks))
 
 
-def _has_cells(model: Model | None) -> bool:
-    return isinstance(model, HasCells)
-
-
-def _less_pinches(
-    check: Check, rows: dict[str, Measure], measures: Measures, *, has_cells: bool
-) -> Check:
-    """Return the check of Euler numbers anew, an exact boundary's less the points of contact."""
-    surface = rows.get("surface")
-    if surface is None or surface.method != "exact boundary" or not has_cells:
+def _with_contacts(check: Check, rows: dict[str, Measure], measures: Measures) -> Check:
+    """Return the check as what it is where cells touch without sharing a face."""
+    if check.tolerance or "pinched_nodes" not in measures:
         return check
-    if "pinched_nodes" not in measures:
-        why = 'voids may meet in points: volume.method = "cells" counts them'
-        return replace(check, verdict="unknown", remedy=why) if _all_but(rows, "surface") else check
     count = measures["pinched_nodes"].value
-    less = replace(surface, value=surface.value - count)
-    again = _check("euler_number", {**rows, "surface": less})
-    if again.verdict != "agree":
-        return check
-    why = (
-        f"that of the surface is {surface.value:g}; less the {count:g} points where voids meet, "
-        "which voxels join there and the surface goes round"
-    )
-    return replace(again, remedy=why)
+    if check.verdict == "differ" and (count or _touching(measures)) and _only_grid_differs(rows):
+        why = "cells meet in points or edges alone, which voxels do not resolve wherever they lie"
+        return replace(check, verdict="unknown", remedy=why)
+    if check.quantity == "euler_number" and check.verdict == "agree" and count:
+        why = (
+            f"at {count:g} points voids meet, which voxels join there; a boundary goes round each "
+            "of them, and half of its own number is so much higher"
+        )
+        return replace(check, remedy=why)
+    return check
 
 
-def _all_but(rows: dict[str, Measure], left_out: str) -> bool:
-    """Tell whether the other rows agree among themselves."""
-    others = {subject: row for subject, row in rows.items() if subject != left_out}
-    return _check("euler_number", others).verdict != "differ"
+def _touching(measures: Measures) -> bool:
+    """Tell whether some number of the closed union is not that of what faces join."""
+    for name in ("components", "euler_number"):
+        joined, closed = (
+            {row.value for row in measures.all(which) if _by_construction(row)}
+            for which in (name, f"{name}_26")
+        )
+        if joined and closed and joined != closed:
+            return True
+    return False
+
+
+def _only_grid_differs(rows: dict[str, Measure]) -> bool:
+    return len({row.value for row in rows.values() if _by_construction(row)}) == 1
 
 
 def _measured(

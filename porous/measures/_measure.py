@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from porous.measures import _pores, _porosity, _surface_area, _topology
 from porous.measures._census import Census
 from porous.measures._mesh import (
+    EXACT,
     SURFACE,
     TOPOLOGY,
     VOLUME,
@@ -19,7 +20,7 @@ from porous.measures._mesh import (
 from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
 from porous.measures._surface_area import surface_doubt
-from porous.models.model import HasBulk
+from porous.models.model import HasBulk, HasCells
 from porous.values import Measures, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.surface_topology import check_closed
 from porous.values.volume_topology import hung_by_faces
@@ -39,8 +40,6 @@ GRID: Table[Census] = {**_porosity.GRID, **_pores.GRID, **_surface_area.GRID, **
 
 TETRAHEDRA = 1e-3
 """Part of the volume by which a tetrahedral mesh may differ from the surface that it fills."""
-
-EXACT = "exact boundary"
 
 
 def measure(
@@ -86,7 +85,8 @@ def measure(
 def _grid_rows(grid: VoxelGrid, model: Model | None) -> Iterator[Measure]:
     census = Census(grid, sampled=isinstance(model, HasBulk))
     for (name, _), row in GRID.items():
-        if not (name.startswith("genus") and any(grid.frame.periodic)):
+        without_genus = name.startswith("genus") and any(grid.frame.periodic)
+        if not (without_genus or (name == "interface_area" and census.sampled)):
             yield row(census)
 
 
@@ -103,6 +103,8 @@ def _surface_rows(
             surface, volume_doubt=doubts[0], area_doubt=doubts[1], periodic=periodic
         )
     rows = {name: row(census) for (name, _), row in SURFACE.items()}
+    if grid is not None and grid.bulk is not None and isinstance(model, HasBulk):
+        del rows["interface_area"]  # the sides of a curved bulk are no sides of the frame
     if census.method == EXACT and model is not None:
         rows = _by_convention(rows, model)
     yield from _told(rows, periodic)
@@ -141,7 +143,7 @@ def _cell_rows(census: VolumeCensus, model: Model | None) -> Iterator[Measure]:
     """
     rows = {name: row(census) for name, row in VOLUME.items()}
     yield from rows.values()
-    yield pinched_nodes(VolumeCensus(hung_by_faces(census.mesh)))
+    yield _pinched(census.mesh)
     if model is None:
         return
     yield from of_bulk(rows["volume"], None, _own_bulk(model))
@@ -154,14 +156,34 @@ def _cell_rows(census: VolumeCensus, model: Model | None) -> Iterator[Measure]:
 def _by_convention(rows: Mapping[str, Measure], model: Model) -> dict[str, Measure]:
     """Name the topology of an exact boundary by the convention whose closed form it has.
 
-    Where solids meet in a point, the boundary goes around both: it is that of the closed union.
+    Where voids meet in a point of the solid, the boundary goes round each of them, and voxels join
+    them: cells tell how often, others have the boundary of the closed union there.
     """
     known = {row.name: row.value for row in model_rows(model, (False, False, False))}
     found = rows["euler_number"].value
+    if isinstance(model, HasCells):
+        goes_round = "shells" in rows and found != known.get("euler_number")
+        return _less_pinched(rows, model) if goes_round else dict(rows)
     if found == known.get("euler_number", found) or found != known.get("euler_number_26"):
         return dict(rows)
     names = {name: f"{name}_26" if f"{name}_26" in TOPOLOGY else name for name in rows}
     return {names[name]: replace(row, name=names[name]) for name, row in rows.items()}
+
+
+def _less_pinched(rows: Mapping[str, Measure], model: HasCells) -> dict[str, Measure]:
+    """Take the places where voids meet off the Euler number, as ``pinched_nodes`` has them.
+
+    How many tunnels they make does not follow from their number.
+    """
+    euler, count = rows["euler_number"], _pinched(model.cell_mesh())
+    if not count.value:
+        return dict(rows)
+    left = {name: row for name, row in rows.items() if name != "genus"}
+    return {**left, "euler_number": replace(euler, value=euler.value - count.value)}
+
+
+def _pinched(mesh: VolumeMesh) -> Measure:
+    return pinched_nodes(VolumeCensus(hung_by_faces(mesh)))
 
 
 def _told(rows: Mapping[str, Measure], periodic: Axes) -> Iterator[Measure]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -23,11 +24,16 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
 
+EXACT, WALL = "exact boundary", "WALL"
+
 CAPS = ("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX")
 """Names of the triangles that close a surface where the frame cuts it."""
 
 GATHERED = 1e-12
 """Relative to the body's size: how far an exact boundary's points may have been moved together."""
+
+FULL = 1e-13
+"""A body that differs from its bulk by no more than this part of it fills it."""
 
 ROUNDING = 4e-16
 """Relative error of a sum of products of coordinates, per term's size; numpy sums in pairs."""
@@ -63,7 +69,7 @@ class SurfaceCensus:
         self.periodic = periodic
         self.areas: Floats = np.linalg.norm(surface.area_vectors, axis=1)
         area, size = float(self.areas.sum()), float(np.abs(surface.corners).max(initial=0.0))
-        moved = GATHERED * size if method == "exact boundary" else 0.0
+        moved = GATHERED * size if method == EXACT else 0.0
         sides = np.linalg.norm(surface.corners - np.roll(surface.corners, 1, axis=1), axis=2)
         rounding = ROUNDING * len(self.areas) ** 0.5 * area
         # A triangle whose corners move by d changes by no more than half its girth times d.
@@ -112,7 +118,10 @@ def _surface_area(census: SurfaceCensus) -> Measure:
 
 
 def _surface_interface(census: SurfaceCensus) -> Measure:
-    return census.area_row("interface_area", CAPS)
+    # A model names the sides of its body, wherever they lie; all else is the wall of its pores.
+    named = census.method == EXACT and WALL in census.surface.names
+    sides = tuple(name for name in census.surface.names if name != WALL) if named else CAPS
+    return census.area_row("interface_area", sides)
 
 
 def _surface_volume(census: SurfaceCensus) -> Measure:
@@ -163,6 +172,8 @@ def of_bulk(volume: Measure, area: Measure | None, bulk: float) -> tuple[Measure
         return Measure(name, value, unit, like.method, doubt, like.kind, like.of)
 
     part, doubt = volume.value / bulk, volume.uncertainty / bulk
+    if math.isclose(part, 1.0, rel_tol=FULL):
+        part = 1.0
     rows = [
         row("porosity", 1 - part, "1", doubt, volume),
         row("relative_density", part, "1", doubt, volume),
