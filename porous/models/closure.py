@@ -87,6 +87,9 @@ class Closure(Value):
         entity t is seen as through an order, Π·W_t = W_t'·Π'. −1 for orders that no cell uses.
     compose
         For each state int64 (orders, orders): the order of I[:, a]·I[:, b]; −1 where unused.
+    uses
+        ``uses[q][k]``: the orders in which cells of state q use their boundary k, of level-0
+        cells and of all that come of them; last those of the cell itself.
     """
 
     brep: BRep
@@ -95,6 +98,7 @@ class Closure(Value):
     orders: tuple[tuple[Order, ...], ...]
     act: tuple[Ints, ...]
     compose: tuple[Ints, ...]
+    uses: tuple[tuple[tuple[int, ...], ...], ...]
 
     @cached_property
     def children(self) -> tuple[tuple[int, ...], ...]:
@@ -403,6 +407,13 @@ def _numbered(work: _Work, uses: dict[tuple[int, int], dict[Order, str]]) -> Clo
         tuple(map(tuple, orders)),
         tuple(_act(work, q, orders) for q in range(len(brep.states))),
         tuple(map(_compose, orders)),
+        tuple(
+            tuple(
+                tuple(orders[work.entity(q, k)][order] for order in uses.get((q, k), ()))
+                for k in range(len(state.boundaries) + 1)
+            )
+            for q, state in enumerate(brep.states)
+        ),
     )
 
 

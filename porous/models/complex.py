@@ -173,15 +173,35 @@ def cell_complex(closure: Closure, level: int, start: Complex | None = None) -> 
     """
     if level < 0:
         raise ModelError(f"level: got {level}; wanted 0 or more")
-    result = single(closure) if start is None else start
+    result = level_zero(closure, start)
     _check_level(closure, result, level)
     for _ in range(level):
         result = _refined(closure, result)
     return result
 
 
-def single(closure: Closure) -> Complex:
-    """Return the complex of one cell of the start's state: level 0."""
+def level_zero(closure: Closure, start: Complex | None = None) -> Complex:
+    """Return the level-0 cells, one of the start's state where not given.
+
+    Raises
+    ------
+    ModelError
+        Where they use a state in an order that the closure was not made for.
+    """
+    if start is None:
+        return _single(closure)
+    for group in start.cells:
+        for k, s in enumerate(closure.slots(group.state)):
+            if not set(np.unique(group.orders[:, k]).tolist()) <= set(closure.uses[group.state][k]):
+                raise ModelError(
+                    f"state {closure.brep.states[s].name}: level-0 cells of state "
+                    f"{closure.brep.states[group.state].name} use it in orders that the closure "
+                    "does not know; wanted a closure made for these cells"
+                )
+    return start
+
+
+def _single(closure: Closure) -> Complex:
     brep = closure.brep
     slots = closure.slots(brep.start)
     ids, states = [], [0] * len(brep.states)
@@ -323,12 +343,6 @@ def _fill(
             seen = closure.act[b][parents.orders[:, boundary], own]
             ids[:, k] = parents.ids[:, boundary] * stride + first[seen[:, 0]]
             orders[:, k] = closure.compose[kind][seen[:, 1], order]
-            if min(seen.min(initial=0), orders[:, k].min(initial=0)) < 0:
-                name = closure.brep.states[b].name
-                raise ModelError(
-                    f"state {name}: level-0 cells use it in orders that the closure does not "
-                    "know; wanted a closure made for these cells"
-                )
 
 
 def _merged(parts: list[_Born]) -> _Born:

@@ -11,7 +11,7 @@ from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, NamedTuple
 
 from porous.errors import ModelError
-from porous.models.complex import single
+from porous.models.complex import level_zero
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -60,7 +60,8 @@ def counts(closure: Closure, level: int, start: Complex | None = None) -> tuple[
     Raises
     ------
     ModelError
-        For a negative level, or more than ``LARGEST`` types of entities.
+        For a negative level, more than ``LARGEST`` types of entities, or a start in orders that
+        the closure was not made for.
     """
     result = [0, 0, 0, 0]
     for kind, many in histogram(closure, level, start).items():
@@ -90,7 +91,7 @@ def histogram(closure: Closure, level: int, start: Complex | None = None) -> Cou
     if level < 0:
         raise ModelError(f"level: got {level}; wanted 0 or more")
     follow = _Following(closure)
-    result = _level_zero(closure, single(closure) if start is None else start)
+    result = _types(closure, level_zero(closure, start))
     for _ in range(level):
         finer: Counter[Type] = Counter()
         for kind, many in result.items():
@@ -100,7 +101,7 @@ def histogram(closure: Closure, level: int, start: Complex | None = None) -> Cou
     return result
 
 
-def _level_zero(closure: Closure, start: Complex) -> Counter[Type]:
+def _types(closure: Closure, start: Complex) -> Counter[Type]:
     found: dict[tuple[int, int], Counter[tuple[int, int, int]]] = defaultdict(Counter)
     for group in start.cells:
         for k, s in enumerate(closure.slots(group.state)):
