@@ -45,6 +45,7 @@ def bulk_surface(solution: Solution, controls: Floats, level: int, unit: str) ->
 
 
 def _surface(solution: Solution, controls: Floats, level: int, unit: str) -> SurfaceMesh:
+    """Return the triangles of the faces; those of a mirrored cell are turned round."""
     brep = solution.brep
     state = brep.states[brep.start]
     soups = []
@@ -57,7 +58,10 @@ def _surface(solution: Solution, controls: Floats, level: int, unit: str) -> Sur
         if np.einsum("ti,ti->", _areas(plan), plan.mean(axis=1) - middle) < 0:
             soup = soup[:, ::-1]
         soups.append(soup)
-    return _welded(np.concatenate(soups), unit)
+    surface = _welded(np.concatenate(soups), unit)
+    if surface.volume < 0:
+        return replace(surface, triangles=surface.triangles[:, ::-1])
+    return surface
 
 
 def _areas(triangles: Floats) -> Floats:

@@ -14,9 +14,11 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.automaton import DEEPEST, Automaton
+from porous.models.cell_folds import corner_weights
 from porous.models.cell_nodes import CellNodes, cell_nodes
 from porous.models.closure import Closure, closure
 from porous.models.complex import Complex, cell_complex
+from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value, frozen
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from porous.models.digits import DigitSet
     from porous.models.pieces import Pieces
     from porous.models.solve import Solution
-    from porous.values import Box, Frame, Pattern, SurfaceMesh
+    from porous.values import Frame, Pattern, SurfaceMesh
 
     Floats = NDArray[np.float64]
 
@@ -165,16 +167,18 @@ def natural_box(solution: Solution, controls: Floats, tolerance: float) -> Box:
     """
     from porous.models.control_box import control_box
 
+    hull = Box.of_points(controls.T)
+    corners = Box.of_points((controls @ corner_weights(solution, solution.brep.start)).T)
+    mixtures = all((T >= 0).all() for q in solution.brep.reached for T in solution.matrices[q])
+    if mixtures and hull == corners:
+        return hull  # no mixture leaves it, and it is reached
     automaton = solution.automaton(controls)
-    drawn = {
-        place: corner_controls(solution.brep, q) for place, q in enumerate(solution.brep.reached)
-    }
+    drawn = {place: _corner_controls(solution, q) for place, q in enumerate(solution.brep.reached)}
     longest = float(np.ptp(controls, axis=1).max())
     return control_box(automaton, tolerance=tolerance * longest, drawn=drawn)
 
 
-def corner_controls(brep: BRep, state: int) -> tuple[int, ...]:
+def _corner_controls(solution: Solution, state: int) -> tuple[int, ...]:
     """Return the controls of a state that its corners are mixed of."""
-    matrices = [brep.states[state].boundaries[k].matrix for k in brep.of_dimension(state, 0)]
-    used = np.abs(np.hstack(matrices)).max(axis=1) > WEIGHTLESS
+    used = np.abs(corner_weights(solution, state)).max(axis=1) > WEIGHTLESS
     return tuple(np.flatnonzero(used).tolist())
