@@ -710,3 +710,10 @@ def test_branching_struts_stand_on_their_base_and_carry_their_plate():
     # Layers of a level: one of each power of four; each leaves sixteen struts.
     amounts = {made.automaton.states[g.state].name: len(g.place) for g in made.cells}
     assert amounts == {"base": 1, "layer": 16, "strut": 16 * (1 + 4)}
+
+
+def test_systems_of_other_controls_have_measures_but_no_ratios():
+    made = build(load("branching-struts"))
+    rows = {row.name: row for row in measure(made)}
+    assert set(rows) == {"smallest_feature"}
+    assert (rows["smallest_feature"].value, rows["smallest_feature"].kind) == (0.06, "bound")

@@ -27,7 +27,9 @@ def singular_values(automaton: Automaton) -> NDArray[np.float64]:
 
 
 def ratios(automaton: Automaton) -> NDArray[np.float64] | None:
-    """Return the ratio of each transition (t,) where all are similarities, else None."""
+    """Return the ratio of each transition (t,) where all are similarities of space, else None."""
+    if not automaton.spatial:
+        return None
     sigma = singular_values(automaton)
     if (sigma[:, 0] - sigma[:, 2] > SIMILAR * sigma[:, 0]).any():
         return None
@@ -65,8 +67,13 @@ def affinity_bound(automaton: Automaton, length: int) -> float:
     return min(3.0, _root(words, lambda s: _falconer(sigma, s), len(automaton.states)))
 
 
-def affinity_dimension(automaton: Automaton) -> float:
-    """Return the best affinity bound over words of lengths that are affordable."""
+def affinity_dimension(automaton: Automaton) -> float | None:
+    """Return the best affinity bound over words of lengths that are affordable.
+
+    None where cells are no affine images of space.
+    """
+    if not automaton.spatial:
+        return None
     best, length = affinity_bound(automaton, 1), 2
     many = max(len(children) for children in automaton.children)
     while len(automaton.transitions) * many ** (length - 1) <= MOST_WORDS and length <= 12:

@@ -27,8 +27,8 @@ from porous.models.brep import (
     Incidence,
     selection,
 )
-from porous.models.sections import Section, Triple
 from porous.models.mixtures import weights_of
+from porous.models.sections import Section, Triple
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
