@@ -31,7 +31,7 @@ SETTINGS = {
     "unknown section": ("voxel.voxels=3", "voxel: unknown key; did you mean 'voxels'"),
     "unknown key below": ("surface.metod=exact", "surface.metod: unknown key; did you mean"),
     "unknown key of digits": ("model.digits.division=3", "division.*did you mean 'divisions'"),
-    "unknown kind": ("model.kind=bcifs", 'model.kind: unknown kind "bcifs"; there is ifs'),
+    "unknown kind": ("model.kind=tpms", 'model.kind: unknown kind "tpms"; there is .*ifs'),
     "kind is a number": ("model.kind=3", "model.kind: unknown kind 3"),
     "level below zero": ("model.level=-1", "model.level: got -1; wanted"),
     "level is half": ("model.level=1.5", "model.level: got 1.5; wanted"),
@@ -107,7 +107,7 @@ RECIPES = {
     "deep brackets": ("a = " + "[" * 100_000, "brackets 100000 deep"),
     "deep keys": ("a" + ".b" * 20_000 + " = 1", "a key of 20001 parts"),
     "large": ("#" * 2_000_000, "more than 1048576 bytes"),
-    "no kind": ("[model]\nlevel = 2\n", "model.kind: missing; there is ifs"),
+    "no kind": ("[model]\nlevel = 2\n", "model.kind: missing; there is .*ifs"),
     "neither maps nor digits": ("[model]\nkind = 'ifs'\nlevel = 1\n", "maps"),
     "both maps and digits": (
         CUBE + f"maps = [{{ matrix = {HALF}, translation = [0, 0, 0] }}]\n",

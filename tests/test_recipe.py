@@ -152,15 +152,16 @@ def test_the_schema_knows_every_key_of_every_preset():
     json.dumps(found)
     known = set(found["properties"])
     assert known == set(Recipe.model_fields)
-    kinds = [
+    parts = [
         found["$defs"][ref["$ref"].rpartition("/")[2]]
         for ref in found["properties"]["model"]["oneOf"]
     ]
-    assert [kind["properties"]["kind"]["const"] for kind in kinds] == list(recipe.sections())
+    kinds = {part["properties"]["kind"]["const"]: part["properties"] for part in parts}
+    assert list(kinds) == list(recipe.sections())
     for name in presets.names():
         table = tomllib.loads(dump(load(name)))
         assert set(table) <= known
-        assert set(table["model"]) <= set(kinds[0]["properties"])
+        assert set(table["model"]) <= set(kinds[table["model"]["kind"]])
 
 
 def test_every_reference_of_the_schema_leads_somewhere():
