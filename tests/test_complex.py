@@ -605,3 +605,29 @@ def test_complex_is_fast_and_small():
     # Measured: 7 ms and 9 ms.
     assert min(t for t, _ in times) < 0.5
     assert min(t for _, t in times) < 0.1
+
+
+def fork():
+    """An edge that splits into two from its root: one to its tip, one half-way to nowhere."""
+    edge = naive.edge_state()
+    matrices = [np.array([[1, 0.0], [0, 1]]), np.array([[1, 0.5], [0, 0.5]])]
+    children = [Child(str(i), 1, matrix) for i, matrix in enumerate(matrices)]
+    incidences = [Incidence(0, 0, 0, 0), Incidence(0, 1, 1, 0), Incidence(1, 0, 0, 0)]
+    state = CellState("fork", "edge", edge.controls, edge.boundaries, children, incidences)
+    return BRep((naive.vertex_state(), state), 1)
+
+
+def test_counts_do_not_grow_with_the_cells_about_a_vertex():
+    # 2ⁿ cells meet in the root.
+    made = closure(given(fork()))
+    for n in range(5):
+        assert arrays(made, n) == counts(made, n) == (2**n + 1, 2**n, 0, 0)
+    assert counts(made, 90) == (2**90 + 1, 2**90, 0, 0)
+
+
+def test_too_many_kinds_of_entities_are_refused(monkeypatch):
+    from porous.models import counts as module
+
+    monkeypatch.setattr(module, "LARGEST", 20)
+    with pytest.raises(ModelError, match="more than 20 kinds of entities"):
+        counts(closure(given(box("menger"))), 3)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from porous.memory import check_memory
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -21,14 +23,24 @@ if TYPE_CHECKING:
 
     Ints = NDArray[np.int64]
 
+BYTES_PER_ENTITY = 800
+"""Of an edge, a face or a cell: Python's sets of what bounds it and of what it bounds."""
+
 
 def betti(complex_: Complex) -> tuple[int, int, int]:
     """Return the numbers of pieces, of independent tunnels and of cavities, b₀, b₁ and b₂.
 
     Of the closed complex over the field of two elements: cells that share a vertex are joined.
     b₃, the number of pieces without any boundary, is zero in space; it is part of the sums.
+
+    Raises
+    ------
+    MemoryLimitError
+        Before anything is allocated.
     """
-    vertices, edges, faces = (complex_.count(dimension) for dimension in range(3))
+    vertices, edges, faces, cells = (complex_.count(dimension) for dimension in range(4))
+    needed = BYTES_PER_ENTITY * (edges + faces + cells)
+    check_memory(needed, f"Betti numbers of {cells} cells", "Choose a lower level.")
     pieces = complex_.components
     tree = vertices - pieces
     volumes, free = rank(boundaries(complex_, 3))

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from porous.models.slots import Slots, identity, inverse, then
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -58,12 +58,24 @@ class Entry(NamedTuple):
     order: int
 
 
+class Part(NamedTuple):
+    """Boundary ``slot`` of child ``child`` is own entity ``own`` of the boundary it lies in."""
+
+    child: int
+    slot: int
+    own: int
+    order: int
+
+
 class Place(NamedTuple):
     """An entry with its order written out."""
 
     boundary: int
     own: int
     order: Order
+
+
+At = TypeVar("At", Entry, Place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +120,20 @@ class Closure(Value):
             for q, state in enumerate(self.brep.states)
         )
 
+    @cached_property
+    def inside(self) -> tuple[tuple[tuple[Part, ...], ...], ...]:
+        """The table by where things lie: for each state and boundary the children's slots in it.
+
+        After the last boundary what lies on none.
+        """
+        return tuple(
+            tuple(
+                tuple(Part(i, k, at.own, at.order) for i, k, at in found)
+                for found in _by_boundary(rows, len(state.boundaries))
+            )
+            for rows, state in zip(self.table, self.brep.states, strict=True)
+        )
+
     def slots(self, state: int) -> tuple[int, ...]:
         """Return the states of a cell's boundaries, in their order, and of the cell itself."""
         return (*(b.state for b in self.brep.states[state].boundaries), state)
@@ -133,7 +159,7 @@ def closure(solution: Solution, starts: Starts | None = None) -> Closure:
     """
     brep = solution.brep
     if starts is None:
-        bare = [tuple(range(brep.states[b.state].size)) for b in brep.states[brep.start].boundaries]
+        bare = [identity(brep.states[b.state].size) for b in brep.states[brep.start].boundaries]
         starts = {brep.start: tuple((order,) for order in bare)}
     work = _Work(brep, solution.matrices)
     needed = _needed(brep, starts)
@@ -163,7 +189,8 @@ class _Work:
         self.slots: dict[int, Slots] = {}
         self.images: dict[tuple[int, Order], tuple[tuple[int, Order], ...]] = {}
         self._turned: dict[tuple[int, Order], tuple[Use, ...]] = {}
-        self._bare = [tuple(range(state.size)) for state in brep.states]
+        self._inside: dict[int, list[list[tuple[int, int, Place]]]] = {}
+        self._bare = [identity(state.size) for state in brep.states]
 
     def entity(self, q: int, boundary: int) -> int:
         """Return the state of a boundary, or q itself for ``OWN`` and after the last boundary."""
@@ -190,7 +217,7 @@ class _Work:
         self._number(q, slots)
 
     def _carry(self, q: int) -> None:
-        self.own[q] = [Own(q, np.eye(self.brep.states[q].size))]
+        self.own[q] = [Own(q, frozen(np.eye(self.brep.states[q].size), np.float64))]
         row = [
             Place(k, 0, self._bare[b.state]) for k, b in enumerate(self.brep.states[q].boundaries)
         ]
@@ -362,18 +389,16 @@ class _Work:
     ) -> Iterator[tuple[int, int, Order, str]]:
         """Yield how the children of a cell use what their parent's boundary becomes."""
         state = self.brep.states[q]
-        own = k == len(state.boundaries)
-        entity = q if own else state.boundaries[k].state
+        entity = self.entity(q, k)
         self._check_carried(q, k, entity)
         seen = self.image(entity, order, why)
-        for i, row in enumerate(self.table[q]):
-            child = state.children[i].state if state.children else q
-            for slot, spot in enumerate(row):
-                if spot.boundary == (OWN if own else k):
-                    new = then(seen[spot.own][1], spot.order)
-                    plain = spot.order == tuple(range(len(spot.order)))
-                    reason = why if plain else self.slots[q].because((i, slot), len(new))
-                    yield child, slot, new, reason
+        if q not in self._inside:
+            self._inside[q] = _by_boundary(self.table[q], len(state.boundaries))
+        for i, slot, spot in self._inside[q][k]:
+            new = then(seen[spot.own][1], spot.order)
+            plain = spot.order == identity(len(new))
+            reason = why if plain else self.slots[q].because((i, slot), len(new))
+            yield state.children[i].state if state.children else q, slot, new, reason
 
     def _check_carried(self, q: int, k: int, entity: int) -> None:
         """Refuse a boundary of a terminal cell that is cut or changed while the cell stays."""
@@ -407,13 +432,19 @@ def _numbered(work: _Work, uses: dict[tuple[int, int], dict[Order, str]]) -> Clo
         tuple(map(tuple, orders)),
         tuple(_act(work, q, orders) for q in range(len(brep.states))),
         tuple(map(_compose, orders)),
-        tuple(
-            tuple(
-                tuple(orders[work.entity(q, k)][order] for order in uses.get((q, k), ()))
-                for k in range(len(state.boundaries) + 1)
-            )
-            for q, state in enumerate(brep.states)
-        ),
+        tuple(_uses(work, q, orders, uses) for q in range(len(brep.states))),
+    )
+
+
+def _uses(
+    work: _Work,
+    q: int,
+    orders: list[dict[Order, int]],
+    uses: dict[tuple[int, int], dict[Order, str]],
+) -> tuple[tuple[int, ...], ...]:
+    return tuple(
+        tuple(orders[work.entity(q, k)][order] for order in uses.get((q, k), ()))
+        for k in range(len(work.brep.states[q].boundaries) + 1)
     )
 
 
@@ -446,6 +477,15 @@ def _act(work: _Work, q: int, orders: list[dict[Order, int]]) -> Ints:
 def _compose(orders: dict[Order, int]) -> Ints:
     result = [[orders.get(then(a, b), -1) for b in orders] for a in orders]
     return np.asarray(frozen(result, np.int64))
+
+
+def _by_boundary(rows: Iterable[Iterable[At]], last: int) -> list[list[tuple[int, int, At]]]:
+    """Return the slots of a table by the boundary that they lie in; ``OWN`` is ``last``."""
+    result: list[list[tuple[int, int, At]]] = [[] for _ in range(last + 1)]
+    for i, row in enumerate(rows):
+        for k, at in enumerate(row):
+            result[at.boundary].append((i, k, at))
+    return result
 
 
 def _moved(matrix: Floats, order: Order) -> Floats:

@@ -7,6 +7,7 @@ next's by arithmetic; what no cell uses is dropped and the rest numbered anew.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -279,12 +280,15 @@ def _numbering(closure: Closure, coarse: Complex) -> _Numbering:
     totals = [0] * len(coarse.states)
     first, stride = [], []
     for b, own in enumerate(closure.own):
-        kinds = [entity.state for entity in own]
-        many = [kinds.count(s) for s in kinds]
-        first.append(np.array([totals[s] + kinds[:t].count(s) for t, s in enumerate(kinds)], int))
-        stride.append(np.array(many, int))
-        for s in kinds:
-            totals[s] += coarse.states[b]
+        rank: Counter[int] = Counter()
+        base = list(totals)
+        starts = []
+        for entity in own:
+            starts.append(base[entity.state] + rank[entity.state])
+            rank[entity.state] += 1
+            totals[entity.state] += coarse.states[b]
+        first.append(np.array(starts, np.int64))
+        stride.append(np.array([rank[entity.state] for entity in own], np.int64))
     check_memory(13 * sum(totals), f"the complex of level {coarse.level + 1}", REMEDY)
     return _Numbering(tuple(first), tuple(stride), tuple(totals))
 
@@ -293,9 +297,8 @@ def _origins(closure: Closure, coarse: Complex) -> list[NDArray[np.int32]]:
     """Return the origin of every entity of the next level, in their numbering."""
     parts: list[list[NDArray[np.int32]]] = [[np.zeros(0, np.int32)] for _ in coarse.states]
     for b, own in enumerate(closure.own):
-        kinds = [entity.state for entity in own]
-        for s in sorted(set(kinds)):
-            parts[s].append(np.repeat(coarse.origin[b], kinds.count(s)))
+        for s, many in Counter(entity.state for entity in own).items():
+            parts[s].append(np.repeat(coarse.origin[b], many))
     return [np.concatenate(part) for part in parts]
 
 

@@ -14,8 +14,6 @@ from porous.errors import ModelError
 from porous.models.complex import level_zero
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from porous.models.closure import Closure
     from porous.models.complex import Complex
 
@@ -139,19 +137,10 @@ class _Following:
     def _split(self, kind: Type) -> Counter[Type]:
         closure, born = self._closure, defaultdict[int, Counter[tuple[int, int, int]]](Counter)
         for at in kind.cells:
-            for child, slot, own, order in self._parts(at.state, at.boundary):
+            for child, slot, own, order in closure.inside[at.state][at.boundary]:
                 target, seen = closure.act[kind.state][at.order, own].tolist()
                 state = closure.own[kind.state][target].state
                 turned = int(closure.compose[state][seen, order])
-                born[target][child, slot, turned] += at.many
+                born[target][closure.children[at.state][child], slot, turned] += at.many
         own_states = closure.own[kind.state]
         return Counter(_type(own_states[t].state, uses) for t, uses in born.items())
-
-    def _parts(self, state: int, boundary: int) -> Iterable[tuple[int, int, int, int]]:
-        """Yield the children's slots that lie in a boundary of their parent: state, slot, entry."""
-        rows = self._closure.table[state]
-        last = len(self._closure.slots(state)) - 1
-        for child, row in zip(self._closure.children[state], rows, strict=True):
-            for slot, entry in enumerate(row):
-                if entry.boundary % (last + 1) == boundary:
-                    yield child, slot, entry.own, entry.order
