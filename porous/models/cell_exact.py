@@ -54,6 +54,8 @@ def _volumes(body: CellBody) -> Iterator[Measure]:
     if volume is None:
         return
     density = volume / body.bulk_volume
+    if body.bulk_box is None:
+        density = min(density, 1.0)  # the cells lie in it: more is rounding
     yield _row("volume", volume, f"{body.unit}³")
     yield _row("porosity", 1 - density)
     yield _row("relative_density", density)
