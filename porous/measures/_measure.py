@@ -20,7 +20,7 @@ from porous.measures._mesh import (
 from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
 from porous.measures._surface_area import surface_doubt
-from porous.models.model import HasBulk, HasCells
+from porous.models.model import HasBulk, HasCells, HasExact
 from porous.values import Measures, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.surface_topology import check_closed
 from porous.values.volume_topology import hung_by_faces
@@ -148,7 +148,7 @@ def _cell_rows(census: VolumeCensus, model: Model | None) -> Iterator[Measure]:
         return
     yield from of_bulk(rows["volume"], None, _own_bulk(model))
     closed = rows["mesh_euler_number"]
-    known = {row.name: row.value for row in model_rows(model, (False, False, False))}
+    known = _closed_forms(model)
     if closed.value == known.get("euler_number_26"):
         yield replace(closed, name="euler_number_26")
 
@@ -159,7 +159,7 @@ def _by_convention(rows: Mapping[str, Measure], model: Model) -> dict[str, Measu
     Where voids meet in a point of the solid, the boundary goes round each of them, and voxels join
     them: cells tell how often, others have the boundary of the closed union there.
     """
-    known = {row.name: row.value for row in model_rows(model, (False, False, False))}
+    known = _closed_forms(model)
     found = rows["euler_number"].value
     if isinstance(model, HasCells):
         goes_round = "shells" in rows and found != known.get("euler_number")
@@ -186,6 +186,11 @@ def _pinched(census: VolumeCensus) -> Measure:
     hung = hung_by_faces(census.mesh)
     apart = len(hung.points) == len(census.mesh.points)  # it has been so from the start
     return pinched_nodes(census if apart else VolumeCensus(hung))
+
+
+def _closed_forms(model: Model) -> dict[str, float]:
+    rows = model.exact() if isinstance(model, HasExact) else ()
+    return {row.name: row.value for row in rows}
 
 
 def _told(rows: Mapping[str, Measure], periodic: Axes) -> Iterator[Measure]:
