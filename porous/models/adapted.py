@@ -48,11 +48,16 @@ class System(NamedTuple):
 
 
 class Turned(NamedTuple):
-    """A system in other coordinates y = Y·x; ``bases`` (s, n, n) is the inverse X, nearly."""
+    """A system in other coordinates y = Y·x; ``bases`` (s, n, n) is the inverse X, nearly.
 
+    Entry by entry |Y⁻¹ − X| ≤ |X|·defects.
+    """
+
+    original: System
     system: System
     coordinates: NDArray[np.float64]
     bases: NDArray[np.float64]
+    defects: NDArray[np.float64]
     groups: NDArray[np.int64]
 
 
@@ -86,7 +91,7 @@ def in_coordinates(
     F += 2 * n * F.max(axis=(1, 2), keepdims=True) ** 2
     doubt += (np.abs(matrices) + doubt) @ F[system.targets] * (1 + 1e-9)
     kept = system._replace(matrices=matrices, errors=doubt)
-    return Turned(kept, coordinates, bases, groups)
+    return Turned(system, kept, coordinates, bases, F, groups)
 
 
 def stretched(turned: Turned, lower: float) -> tuple[float, System]:
@@ -119,51 +124,81 @@ def growth(system: System, norms: NDArray[np.float64], weights: NDArray[np.float
 def subinvariant(
     system: System, norms: NDArray[np.float64], ratio: float
 ) -> NDArray[np.float64] | None:
-    """Return x ≥ 1 (s, g) with max_e norms_e·x_target ≤ ratio·(x_source − 1), or None.
+    """Return x ≥ 1 (s, g) with max_e norms_e·x_target ≤ ratio·(x_source − 1), or None."""
+    ones = np.ones((len(system.widths), norms.shape[1]))
+    return least_fixed_point(system, norms / ratio, np.ones(norms.shape[:2]), ones)
+
+
+def least_fixed_point(
+    system: System,
+    matrices: NDArray[np.float64],
+    constants: NDArray[np.float64],
+    base: NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """Return x (s, g) with x_source = max(base, max_e matrices_e·x_target + constants_e), or None.
 
     By Howard's policy iteration: each row's largest transition is chosen, the linear system solved.
+    None where it does not exist.
+
+    Parameters
+    ----------
+    matrices
+        Of the transitions, (t, g, g), not negative.
+    constants
+        Of the transitions, (t, g).
+    base
+        Of the states, (s, g).
     """
-    x = np.ones((len(system.widths), norms.shape[1]))
-    chosen = np.full(x.shape, -1)
+    x, chosen = base, np.full(base.shape, -1)
     for _ in range(POLICIES):
-        policy = _largest(system, norms, x)
+        policy = _largest(system, matrices, constants, base, x)
         if (policy == chosen).all():
             break
         chosen = policy
-        solved = _solved_policy(system, norms / ratio, chosen)
-        if solved is None:
+        solved = _solved_policy(system, matrices, constants, base, chosen)
+        size = np.abs(x).max() * 1e-9
+        if solved is None or not (solved >= x - size).all():
             return None
         x = solved
     return x
 
 
 def _largest(
-    system: System, norms: NDArray[np.float64], x: NDArray[np.float64]
+    system: System,
+    matrices: NDArray[np.float64],
+    constants: NDArray[np.float64],
+    base: NDArray[np.float64],
+    x: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Return the transition that is largest in each row (s, g), −1 where a state has none."""
-    images = np.einsum("tgh,th->tg", norms, x[system.targets])
+    """Return the transition that is largest in each row (s, g), −1 where the base is."""
+    images = np.einsum("tgh,th->tg", matrices, x[system.targets]) + constants
     policy = np.full(x.shape, -1)
     for q in np.unique(system.sources):
         letters = np.flatnonzero(system.sources == q)
-        policy[q] = letters[np.argmax(images[letters], axis=0)]
+        largest = letters[np.argmax(images[letters], axis=0)]
+        policy[q] = np.where(images[letters].max(axis=0) > base[q], largest, -1)
     return policy
 
 
 def _solved_policy(
-    system: System, norms: NDArray[np.float64], chosen: NDArray[np.int64]
+    system: System,
+    matrices: NDArray[np.float64],
+    constants: NDArray[np.float64],
+    base: NDArray[np.float64],
+    chosen: NDArray[np.int64],
 ) -> NDArray[np.float64] | None:
-    """Return x = 1 + norms_chosen·x_target where that has a positive solution."""
     size = chosen.shape[1]
-    whole = np.eye(chosen.size)
+    whole, right = np.eye(chosen.size), base.ravel().copy()
     rows = np.flatnonzero(chosen >= 0)
     letters = chosen.ravel()[rows]
     columns = system.targets[letters][:, None] * size + np.arange(size)
-    whole[rows[:, None], columns] -= norms[letters, rows % size]
+    whole[rows[:, None], columns] -= matrices[letters, rows % size]
+    right[rows] = constants[letters, rows % size]
     try:
-        x = np.linalg.solve(whole, np.ones(len(whole)))
+        x = np.linalg.solve(whole, right)
     except np.linalg.LinAlgError:
         return None
-    return x.reshape(chosen.shape) if np.isfinite(x).all() and (x >= 1 - 1e-9).all() else None
+    return x.reshape(chosen.shape) if np.isfinite(x).all() else None
 
 
 def adapted_norms(

@@ -95,10 +95,10 @@ def flag(
     bases = np.tile(np.eye(matrices.shape[1]), (len(widths), 1, 1))
     groups = np.full((len(widths), matrices.shape[1]), -1)
     for q, width in enumerate(widths):
-        bases[q, :width, :width] = np.hstack([layer[q] for layer in layers])
-        groups[q, :width] = np.repeat(
-            np.arange(len(layers)), [layer[q].shape[1] for layer in layers]
-        )
+        if width:
+            many = [layer[q].shape[1] for layer in layers]
+            bases[q, :width, :width] = np.hstack([layer[q] for layer in layers])
+            groups[q, :width] = np.repeat(np.arange(len(layers)), many)
     return Flag(bases, groups)
 
 

@@ -1,0 +1,380 @@
+"""Weights of all cells of a state: affine maps of them, and intervals that hold them all.
+
+All cells of a state lie in its space of weights, where the child's weights are affine images of the
+parent's. In coordinates that make these maps block triangular, intervals that the maps keep hold
+all weights: negative entries are welcome.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from porous.errors import ModelError
+from porous.models.adapted import (
+    EPSILON,
+    System,
+    Turned,
+    in_coordinates,
+    least_fixed_point,
+    subinvariant,
+    turned,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from porous.models.automaton import Automaton
+
+RATIOS = (0.9, 0.99, 0.999, 0.9999, 0.999999)
+"""To which ratio the maps must contract for intervals to be found; tried in this order."""
+
+MOST_WORDS = 4_000
+"""Words are made longer until intervals are found, as long as there are no more of them."""
+
+MOST_SKEW = 1e3
+"""Positions serve as coordinates where they are no closer to dependent than this."""
+
+MOMENTS = 100
+"""How many steps the second moments of the limit are followed."""
+
+REFUSAL = (
+    "the cells' weights do not shrink fast enough for bounds on them to be found; "
+    "ask contractivity() which maps stretch, or make the texture smaller"
+)
+
+
+class Endless(NamedTuple):
+    """The states with endless paths and the transitions between them.
+
+    ``states`` are their indices in the automaton, ``drawn`` the weights (m, k) of what is drawn in
+    their cells: their own controls and all that paths which end draw.
+    """
+
+    states: list[int]
+    sizes: list[int]
+    ends: list[tuple[int, int]]
+    matrices: list[NDArray[np.float64]]
+    drawn: list[NDArray[np.float64]]
+    controls: list[NDArray[np.float64]]
+
+
+class Weights(NamedTuple):
+    """The maps y ↦ B·y + shift of weights, y = Y·(z − c), z all weights but the last.
+
+    ``doubts`` (t, n) bound the errors of the shifts; ``centres`` and ``bases`` are the states' c
+    and Y⁻¹, ``widths`` their dimensions. Per state, ``controls`` are y of the controls, ``drawn``
+    of those that are drawn, ``points`` of some points of the limit. ``signed`` tells whether any
+    weight is negative.
+    """
+
+    system: System
+    shifts: NDArray[np.float64]
+    doubts: NDArray[np.float64]
+    centres: NDArray[np.float64]
+    bases: NDArray[np.float64]
+    controls: list[NDArray[np.float64]]
+    drawn: list[NDArray[np.float64]]
+    points: list[NDArray[np.float64]]
+    signed: bool
+
+    @property
+    def widths(self) -> NDArray[np.int64]:
+        """Dimensions of the states' weights that sum to zero."""
+        return self.system.widths
+
+
+class Intervals(NamedTuple):
+    """Bounds (s, n) on all y, and on the sum of weights that are negative, (s,)."""
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    negative: NDArray[np.float64]
+
+
+def endless(
+    automaton: Automaton, drawn: Mapping[int, Sequence[int] | None]
+) -> tuple[Endless, NDArray[np.float64]]:
+    """Return the states with endless paths, and the weights of all that the start state draws.
+
+    The latter (m, k) are its own controls that are drawn and what paths that end draw; where it
+    has endless paths there is more.
+
+    Parameters
+    ----------
+    drawn
+        Which controls of a state are drawn; all of them where a state is not named.
+    """
+    points = [_shown(state.size, drawn.get(q)) for q, state in enumerate(automaton.states)]
+    left, open_ = list(automaton.transitions), set(range(len(points)))
+    while closed := open_ - {t.source for t in left}:
+        for t in left:
+            if t.target in closed:
+                points[t.source] = np.hstack([points[t.source], t.matrix @ points[t.target]])
+        left = [t for t in left if t.target not in closed]
+        open_ -= closed
+    states = sorted(open_)
+    number = {q: i for i, q in enumerate(states)}
+    ends = [(number[t.source], number[t.target]) for t in left]
+    sizes = [automaton.states[q].size for q in states]
+    shown = [points[q] for q in states]
+    controls = [automaton.states[q].controls for q in states]
+    found = Endless(states, sizes, ends, [t.matrix for t in left], shown, controls)
+    return found, points[automaton.start]
+
+
+def _shown(size: int, chosen: Sequence[int] | None) -> NDArray[np.float64]:
+    unit = np.eye(size)
+    return unit if chosen is None else unit[:, np.asarray(chosen, np.int64)]
+
+
+def weights_of(part: Endless) -> Weights:
+    """Return the maps of weights in adapted coordinates."""
+    system, b = _maps(part)
+    n = b.shape[1]
+    corners = [np.vstack([np.eye(n)[: size - 1], np.zeros(n)]) for size in part.sizes]
+    shown = [W.T @ z for W, z in zip(part.drawn, corners, strict=True)]
+    centres = _means(system, b)
+    moved = np.einsum("tij,tj->ti", system.matrices, centres[system.targets]) + b
+    moved -= centres[system.sources]
+    found = _upright(part, turned(system), moved)
+    left = found.coordinates[system.sources]
+    shifts = np.einsum("tij,tj->ti", left, moved)
+    size = np.einsum("tij,tj->ti", np.abs(system.matrices), np.abs(centres[system.targets]))
+    size += np.abs(b) + np.abs(centres[system.sources])
+    doubts = (2 * n + 8) * EPSILON * np.einsum("tij,tj->ti", np.abs(left), size)
+    turn = [
+        [(z - c) @ Y.T for z, c, Y in zip(points, centres, found.coordinates, strict=True)]
+        for points in (corners, shown)
+    ]
+    signed = any((W < 0).any() for W in (*part.matrices, *part.drawn))
+    known = centres, found.bases, turn[0], turn[1]
+    weights = Weights(found.system, shifts, doubts, *known, [], signed)
+    return weights._replace(points=_limit_points(weights))
+
+
+def _maps(part: Endless) -> tuple[System, NDArray[np.float64]]:
+    """Return the maps z ↦ A·z + b of all weights but the last."""
+    widths = np.array(part.sizes) - 1
+    n, count = max(1, int(widths.max())), len(part.matrices)
+    A, errors, b = np.zeros((count, n, n)), np.zeros((count, n, n)), np.zeros((count, n))
+    for i, ((q, r), T) in enumerate(zip(part.ends, part.matrices, strict=True)):
+        here = i, slice(widths[q]), slice(widths[r])
+        A[here] = T[:-1, :-1] - T[:-1, -1:]
+        errors[here] = EPSILON * np.abs(A[here])
+        b[i, : widths[q]] = T[:-1, -1]
+    sources, targets = np.array(part.ends).T
+    return System(sources, targets, A, errors, widths), b
+
+
+def _upright(part: Endless, found: Turned, moved: NDArray[np.float64]) -> Turned:
+    """Return coordinates that are block triangular still and make intervals tighter.
+
+    The last ones, where they can, are the controls' positions; the others are rid of what is
+    linear in later ones on average (the least squares of the limit's measure).
+    """
+    Y = found.coordinates.copy()
+    for q, controls in enumerate(part.controls):
+        last = slice(max(0, len(controls.T) - 4), len(controls.T) - 1)
+        seen = _seen(controls, found.bases[q])[:, last]
+        size = np.linalg.norm(seen, axis=1, keepdims=True)
+        free = size.min() > 1e-9 * np.abs(controls).max() and seen.shape == (3, 3)
+        if free and np.linalg.cond(seen / size) < MOST_SKEW:
+            Y[q, last] = seen / size @ Y[q, last]
+    found = in_coordinates(found.original, Y, found.groups)
+    C = _moments(found, np.einsum("tij,tj->ti", Y[found.system.sources], moved))
+    for q, width in enumerate(found.original.widths):
+        Y[q, :width] = _decorrelation(C[q, :width, :width]) @ Y[q, :width]
+    return in_coordinates(found.original, Y, found.groups)
+
+
+def _seen(controls: NDArray[np.float64], bases: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how positions (3, n) depend on the coordinates."""
+    z = controls[:, :-1] - controls[:, -1:]
+    return np.asarray(z @ bases[: z.shape[1]])
+
+
+def _moments(found: Turned, shifts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the second moments of the limit's measure about the centres, (s, n, n), nearly."""
+    sources, targets, B = found.system.sources, found.system.targets, found.system.matrices
+    share = 1 / np.bincount(sources, minlength=len(found.bases))[sources]
+    steps = share[:, None, None] * shifts[:, :, None] * shifts[:, None, :]
+    C = np.zeros_like(found.bases)
+    for _ in range(MOMENTS):
+        images = share[:, None, None] * (B @ C[targets] @ B.transpose(0, 2, 1)) + steps
+        C = np.zeros_like(C)
+        np.add.at(C, sources, images)
+    return C
+
+
+def _decorrelation(C: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a unit upper triangle U such that U·C·Uᵀ is nearly diagonal."""
+    U = np.eye(len(C))
+    for i in range(len(C) - 1):
+        later = C[i + 1 :, i + 1 :]
+        U[i, i + 1 :] = -np.linalg.lstsq(later, C[i + 1 :, i], rcond=1e-12)[0]
+    return U
+
+
+def _means(system: System, b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean weights of each state's limit: c_q = mean of A_e·c_r + b_e."""
+    count, n = len(system.widths), b.shape[1]
+    share = 1 / np.bincount(system.sources, minlength=count)[system.sources]
+    whole, right = np.eye(n * count).reshape(count, n, count, n), np.zeros((count, n))
+    for q, r, A, shift, part in zip(
+        system.sources, system.targets, system.matrices, b, share, strict=True
+    ):
+        whole[q, :, r] -= part * A
+        right[q] += part * shift
+    try:
+        flat = np.linalg.solve(whole.reshape(n * count, n * count), right.ravel())
+    except np.linalg.LinAlgError:
+        raise ModelError(REFUSAL) from None
+    return np.asarray(flat.reshape(count, n))
+
+
+def _limit_points(weights: Weights) -> list[NDArray[np.float64]]:
+    """Return points of every state's limit: ends of the paths that turn alike at every state."""
+    system, (states, n) = weights.system, weights.centres.shape
+    letters = [np.flatnonzero(system.sources == q) for q in range(states)]
+    found = []
+    for turn in range(max(map(len, letters))):
+        whole, right = np.eye(states * n).reshape(states, n, states, n), np.zeros((states, n))
+        for q in range(states):
+            e = letters[q][turn % len(letters[q])]
+            whole[q, :, system.targets[e]] -= system.matrices[e]
+            right[q] = weights.shifts[e]
+        flat = whole.reshape(states * n, states * n)
+        if np.linalg.cond(flat) < MOST_SKEW**4:
+            found.append(np.linalg.solve(flat, right.ravel()).reshape(states, n))
+    points = np.array(found).reshape(-1, states, n)
+    return [points[:, q] for q in range(states)]
+
+
+def intervals(weights: Weights) -> Intervals:
+    """Return intervals that hold what is drawn and that the maps, or their words, keep.
+
+    Raises ``ModelError`` where none are found.
+    """
+    n = weights.shifts.shape[1]
+    words, base = weights, _hulls(weights.drawn, n)
+    found = _kept(words, base)
+    while found is None:
+        fans = np.bincount(weights.system.sources, minlength=len(weights.widths))
+        if not 0 < fans[words.system.targets].sum() <= MOST_WORDS:
+            raise ModelError(REFUSAL)
+        base = _joined(base, words, _hulls(weights.drawn, n))
+        words = _longer_words(words, weights)
+        found = _kept(words, base)
+    return Intervals(*found, negatives(weights, *found))
+
+
+def negatives(
+    weights: Weights, lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return bounds (s,) on the sum of negative weights where y lies in intervals."""
+    result = np.zeros(len(lower))
+    if not weights.signed:
+        return result
+    middle, half = (lower + upper) / 2, (upper - lower) / 2
+    half = half + 1e-12 * np.maximum(np.abs(lower), np.abs(upper))
+    for q, width in enumerate(weights.widths):
+        X = weights.bases[q][:width]
+        rows = np.vstack([X, -X.sum(axis=0)])
+        centre = weights.centres[q][:width]
+        value = np.append(centre, 1 - centre.sum()) + rows @ middle[q]
+        result[q] = np.maximum(np.abs(rows) @ half[q] - value, 0).sum() * (1 + 1e-9)
+    return result
+
+
+def _hulls(
+    points: list[NDArray[np.float64]], n: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least intervals about points, the centre included (it lies in their hull)."""
+    lower = [np.vstack([p, np.zeros((1, n))]).min(axis=0) for p in points]
+    upper = [np.vstack([p, np.zeros((1, n))]).max(axis=0) for p in points]
+    size = 1e-14 * max(1.0, float(np.abs([lower, upper]).max()))
+    return np.array(lower) - size, np.array(upper) + size
+
+
+def _kept(
+    words: Weights, base: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the least intervals that hold the base and that the words keep, a little larger.
+
+    With v = (upper, −lower) intervals are images under matrices that are nowhere negative; what
+    rounding leaves over is paid for along x > 0 with |B|·x ≤ λ·x, λ < 1.
+    """
+    system, n = words.system, words.shifts.shape[1]
+    sizes = np.abs(system.matrices) + system.errors
+    x, ratio = None, 1.0
+    for ratio in RATIOS:
+        x = subinvariant(system, sizes, ratio)
+        if x is not None:
+            break
+    if x is None:
+        return None
+    plus, minus = np.maximum(system.matrices, 0), np.maximum(-system.matrices, 0)
+    doubled = np.block([[plus, minus], [minus, plus]])
+    constants = np.hstack([words.shifts, -words.shifts])
+    start = np.hstack([base[1], -base[0]])
+    v = least_fixed_point(system, doubled, constants, start)
+    if v is None:
+        return None
+    doubts = words.doubts + np.einsum("tij,tj->ti", system.errors, _reach(v, n)[system.targets])
+    doubts += 64 * n * EPSILON * np.einsum("tij,tj->ti", sizes, _reach(v, n)[system.targets])
+    images = np.einsum("tij,tj->ti", doubled, v[system.targets]) + constants
+    images += np.hstack([doubts, doubts])
+    twice = np.hstack([x, x])
+    over = max(
+        float(((images - v[system.sources]) / twice[system.sources]).max()),
+        float(((start - v) / twice).max()),
+        0.0,
+    )
+    v = v + 2 * over / (1 - ratio) * twice
+    return -v[:, n:], v[:, :n]
+
+
+def _reach(v: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    return np.maximum(np.abs(v[:, :n]), np.abs(v[:, n:]))
+
+
+def _joined(
+    base: tuple[NDArray[np.float64], NDArray[np.float64]],
+    words: Weights,
+    drawn: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the base with the words' images of what is drawn."""
+    sources, targets = words.system.sources, words.system.targets
+    middle, half = (drawn[0] + drawn[1]) / 2, (drawn[1] - drawn[0]) / 2
+    centre = np.einsum("tij,tj->ti", words.system.matrices, middle[targets]) + words.shifts
+    sizes = np.abs(words.system.matrices) + words.system.errors * (1 + 1e-9)
+    reach = np.einsum("tij,tj->ti", sizes, half[targets]) + words.doubts
+    reach += np.einsum("tij,tj->ti", words.system.errors, np.abs(middle[targets]))
+    reach = reach * (1 + 1e-12) + 1e-14 * np.abs(centre)
+    lower, upper = base[0].copy(), base[1].copy()
+    np.minimum.at(lower, sources, centre - reach)
+    np.maximum.at(upper, sources, centre + reach)
+    return lower, upper
+
+
+def _longer_words(words: Weights, letters: Weights) -> Weights:
+    """Return the words one letter longer, errors bounded."""
+    one, other = words.system, letters.system
+    i, j = np.nonzero(one.targets[:, None] == other.sources[None, :])
+    A, B = one.matrices[i], other.matrices[j]
+    n = A.shape[1]
+    errors = (np.abs(A) + one.errors[i]) @ (
+        other.errors[j] + (n + 2) * EPSILON * np.abs(B)
+    ) + one.errors[i] @ np.abs(B)
+    shifts = words.shifts[i] + np.einsum("tij,tj->ti", A, letters.shifts[j])
+    sizes = np.abs(A) + one.errors[i]
+    known = letters.doubts[j] + (n + 4) * EPSILON * np.abs(letters.shifts[j])
+    doubts = words.doubts[i] + np.einsum("tij,tj->ti", sizes, known)
+    doubts += np.einsum("tij,tj->ti", one.errors[i], np.abs(letters.shifts[j]))
+    doubts += 4 * EPSILON * np.abs(words.shifts[i])
+    system = System(one.sources[i], other.targets[j], A @ B, errors, one.widths)
+    return words._replace(system=system, shifts=shifts, doubts=doubts)
