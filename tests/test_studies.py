@@ -55,6 +55,70 @@ def test_menger_6_is_rasterised_within_three_fills_of_memory():
     assert_rasterising_is_fast(rows_of(ANALYSIS / "results" / "01_rasterise_speed.csv"))
 
 
+FIGURES = {
+    "dimension: Menger sponge": "2.726833",
+    "dimension: Sierpinski tetrahedron": "2.000000",
+    "dimension: octahedron flake": "2.584963",
+    "dimension: Vicsek's seven cubes": "1.771244",
+    "dimension: Cantor dust": "1.892789",
+    "dimension: Mosely snowflake, light": "2.630930",
+    "dimension: Mosely snowflake, heavy": "2.680144",
+    "dimension: dodecahedron flake": "2.329622",
+    "dimension: icosahedron flake": "2.581926",
+    "dimension: Koch curve": "1.261860",
+    "dimension: Koch cube, surface": "2.334718",
+    "dimension: Koch tetrahedron, surface": "2.584963",
+    "dimension: Jerusalem cube": "2.529121",
+    "dimension: T → 4T + O, O → 8T + 6O": "3.000000",
+    "dimension: T → 4T, O → 8T + 6O, of T": "2.000000",
+    "dimension: T → 4T, O → 8T + 6O, of O": "2.584963",
+    "dimension: T → 4T + O, O → 8T": "2.449984",
+    "Menger cell of 8 controls: free points of edge, face, volume": "2 / 4 / 8",
+    "Menger cell of 8 controls: degrees of freedom of edge, face, volume": "2 / 12 / 56",
+    "Menger cell of 8 controls, rough: distinct corners at random controls": "64 / 896",
+    "Menger cell of 27 controls, rough: distinct corners at random controls": "64 / 896",
+    "V / E / F / C / χ of menger, level 1": "64 / 144 / 96 / 20 / -4",
+    "V / E / F / C / χ of menger, level 2": "896 / 2304 / 1728 / 400 / -80",
+    "V / E / F / C / χ of minus-corner, level 1": "26 / 51 / 33 / 7 / 1",
+    "V / E / F / C / χ of minus-corner, level 4": "3893 / 10521 / 9186 / 2401 / 157",
+    "wire lattice: edges, levels 0 to 2": "12 / 54 / 300",
+    "tetrahedra that share corners alone: free points, degrees of freedom": "6 / 18",
+    "τ of words of length 1: Menger cell of 8 controls": "0.7037",
+    "τ of words of length 2: Menger cell of 8 controls": "0.29767",
+    "τ of words of length 1: Menger cell of 27 controls, Bézier": "0.91221",
+    "τ of words of length 2: Menger cell of 27 controls, Bézier": "0.50673",
+    "τ of words of length 1: Menger cell of 27 controls, R(.5,.3; .45,−.4,.45)": "1.663",
+    "τ of words of length 2: Menger cell of 27 controls, R(.5,.3; .45,−.4,.45)": "1.152",
+}
+"""What the literature prints of statements of study 04, to its own digits."""
+
+
+def to_digits_of(figure, found):
+    return f"{float(found):.{len(figure.partition('.')[2])}f}" if "." in figure else found
+
+
+def assert_statements_hold(rows):
+    found = {row["statement"]: row["found"] for row in rows}
+    assert len(found) == len(rows)
+    assert {name: to_digits_of(figure, found[name]) for name, figure in FIGURES.items()} == FIGURES
+    judged = [row for row in rows if row["allowed"]]
+    assert len(judged) >= 90
+    assert [row for row in judged if not float(row["difference"]) <= float(row["allowed"])] == []
+
+
+def test_cells_and_topology_are_as_mathematics_says():
+    assert_statements_hold(rows_of(ANALYSIS / "results" / "04_cells_and_topology.csv"))
+
+
+def test_figures_of_random_samples_lie_among_ours():
+    rows = rows_of(ANALYSIS / "results" / "04_cells_and_topology.csv")
+    spread = [(row, re.search(r"samples from (\S+) to (\S+),", row["how"])) for row in rows]
+    spread = [(row, found) for row, found in spread if found]
+    assert len(spread) == 10
+    for row, found in spread:
+        assert float(found[1]) <= float(row["expected"]) <= float(found[2]), row["statement"]
+
+
 @pytest.mark.slow
 @each_study
 def test_a_study_runs(study, tmp_path):
@@ -74,3 +138,5 @@ def test_a_study_runs(study, tmp_path):
     assert [list(row) for row in fresh] == [list(row) for row in committed]
     if study.stem == "01_rasterise_speed":
         assert_rasterising_is_fast(fresh)
+    if study.stem == "04_cells_and_topology":
+        assert_statements_hold(fresh)
