@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 ALTERNATIVES = (
     ("voxels.voxels", "voxels.spacing", "voxels.per_feature"),
     ("model.digits", "model.maps"),
+    ("model.cell", "model.states"),
 )
 """Keys of which a recipe has one: setting one removes the others."""
 
