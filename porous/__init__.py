@@ -20,6 +20,8 @@ if TYPE_CHECKING:
         ViewError,
     )
     from porous.formats import read, write
+    from porous.models.bcifs import bcifs
+    from porous.models.cifs import cifs
     from porous.models.ifs import CutSet, ifs
     from porous.pipeline import Result, run
     from porous.recipe import Recipe, build, load
@@ -63,6 +65,8 @@ _HOMES = {
         "ViewError",
     ),
     "formats": ("read", "write"),
+    "models.bcifs": ("bcifs",),
+    "models.cifs": ("cifs",),
     "models.ifs": ("CutSet", "ifs"),
     "pipeline": ("Result", "run"),
     "recipe": ("Recipe", "build", "load"),
@@ -117,7 +121,9 @@ __all__ = [
     "ViewError",
     "VolumeMesh",
     "VoxelGrid",
+    "bcifs",
     "build",
+    "cifs",
     "exact_surface",
     "extract_surface",
     "hexahedralize",
