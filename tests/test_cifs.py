@@ -715,5 +715,7 @@ def test_branching_struts_stand_on_their_base_and_carry_their_plate():
 def test_systems_of_other_controls_have_measures_but_no_ratios():
     made = build(load("branching-struts"))
     rows = {row.name: row for row in measure(made)}
-    assert set(rows) == {"smallest_feature"}
+    assert set(rows) == {"smallest_feature", "similarity_dimension", "affinity_dimension"}
+    # Its limit is the plate at the top: four halves of a layer, whatever the start makes of it.
+    assert rows["similarity_dimension"].value == pytest.approx(2, abs=1e-12)
     assert (rows["smallest_feature"].value, rows["smallest_feature"].kind) == (0.06, "bound")

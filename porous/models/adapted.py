@@ -14,6 +14,8 @@ import numpy as np
 from porous.models.flags import flag
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from porous.models.flags import Flag
@@ -59,6 +61,32 @@ class Turned(NamedTuple):
     bases: NDArray[np.float64]
     defects: NDArray[np.float64]
     groups: NDArray[np.int64]
+
+
+def weight_system(
+    ends: Sequence[tuple[int, int]], matrices: Sequence[NDArray[np.float64]], sizes: Sequence[int]
+) -> tuple[System, NDArray[np.float64]]:
+    """Return the maps z ↦ A·z + b of weights whose sum is one, z all of them but the last.
+
+    Parameters
+    ----------
+    ends
+        Source and target of each transition.
+    matrices
+        Of weights, (m_source, m_target).
+    sizes
+        How many weights there are in each state.
+    """
+    widths = np.array(sizes) - 1
+    n, count = max(1, int(widths.max())), len(matrices)
+    A, errors, b = np.zeros((count, n, n)), np.zeros((count, n, n)), np.zeros((count, n))
+    for i, ((q, r), T) in enumerate(zip(ends, matrices, strict=True)):
+        here = i, slice(widths[q]), slice(widths[r])
+        A[here] = T[:-1, :-1] - T[:-1, -1:]
+        errors[here] = EPSILON * (np.abs(T[:-1, :-1]) + np.abs(T[:-1, -1:]))
+        b[i, : widths[q]] = T[:-1, -1]
+    sources, targets = np.array(ends).T
+    return System(sources, targets, A, errors, widths), b
 
 
 def turned(system: System) -> Turned:

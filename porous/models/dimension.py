@@ -1,4 +1,7 @@
-"""Dimensions of an automaton's attractor: of similarities exactly, of affine maps from above."""
+"""Dimensions of an automaton's attractor: of similarities exactly, of affine maps from above.
+
+The states may have any number of control points.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from porous.models.adapted import turned, weight_system
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,7 +23,10 @@ SIMILAR = 1e-9
 """A matrix is a similarity where its singular values agree to this, relative to the largest."""
 
 MOST_WORDS = 20_000
-"""Up to how many words the affinity bound looks at."""
+"""Up to how many words of space's maps the affinity bound looks at."""
+
+LONGEST = 12
+"""The longest of them."""
 
 
 def singular_values(automaton: Automaton) -> NDArray[np.float64]:
@@ -37,49 +45,159 @@ def ratios(automaton: Automaton) -> NDArray[np.float64] | None:
 
 
 def similarity_dimension(automaton: Automaton) -> float | None:
-    """Return the similarity dimension, or None where some map is no similarity.
+    """Return the similarity dimension, or None where some cell is no similar image of its parent.
 
     The root s of ρ(M(s)) = 1 with M(s)_qr = Σ ratioˢ over the transitions q → r: Σ ratioˢ = 1 for
     one state (Moran 1946; Hutchinson 1981), the largest of the strongly connected parts' for
     several (Mauldin & Williams 1988). It is the Hausdorff dimension where the images do not
-    overlap (open set condition). −∞ where no path is endless.
+    overlap (open set condition). −∞ where no path is endless, 0 where endless paths only turn in
+    circles. Cells of any number of controls count as similar where their controls are.
     """
-    scale = ratios(automaton)
+    scale = _figure_ratios(automaton)
     if scale is None:
         return None
-    ends = _ends(automaton)
-    return _root(ends, lambda s: _powers(scale, s), len(automaton.states))
+    return _root(_ends(automaton), lambda s: _powers(scale, s), len(automaton.states))
 
 
 def affinity_bound(automaton: Automaton, length: int) -> float:
     """Return the root s of ρ(Σ φˢ(A_w)) = 1 over words of ``length``: no dimension exceeds it.
 
-    φˢ(A) = σ₁…σ_k σ_{k+1}^{s−k} with k = ⌊s⌋, and |det A|^{s/3} from 3 on (Falconer 1988). It
-    bounds the box and Hausdorff dimensions of the attractor from above, capped at 3.
+    φˢ(A) = σ₁…σ_k σ_{k+1}^{s−k} with k = ⌊s⌋, and |det A|^{s/d} from d on (Falconer 1988). It
+    bounds the box and Hausdorff dimensions of the attractor from above, capped at 3. Where states
+    are no frames of space, A acts on the controls where children are affine images of their
+    parents, and on the weights that sum to zero: the attractor is an image of theirs.
     """
-    ends, A = _ends(automaton), automaton.maps[:, :, :3]
+    return min(3.0, *(_affinity(automaton, part, length) for part in _actions(automaton)))
+
+
+def affinity_dimension(automaton: Automaton) -> float:
+    """Return the best affinity bound over words of lengths that are affordable; −∞ as above."""
+    many = max(len(children) for children in automaton.children)
+    best = 3.0 if len(_turning(automaton)[0]) else -math.inf
+    for part in _actions(automaton):
+        cost = max(1.0, part.shape[1] / 3) ** 2
+        best, length = min(best, _affinity(automaton, part, 1)), 2
+        while cost * len(part) * many ** (length - 1) <= MOST_WORDS and length <= LONGEST:
+            best = min(best, _affinity(automaton, part, length))
+            length += 1
+    return best
+
+
+def _affinity(automaton: Automaton, A: NDArray[np.float64], length: int) -> float:
+    ends = _ends(automaton)
     start, end, products = ends[0], ends[1], A
     for _ in range(length - 1):
         i, j = np.nonzero(end[:, None] == ends[0][None, :])
         start, end, products = start[i], ends[1][j], products[i] @ A[j]
     sigma = np.asarray(np.linalg.svd(products, compute_uv=False), np.float64)
     words = np.stack([start, end])
-    return min(3.0, _root(words, lambda s: _falconer(sigma, s), len(automaton.states)))
+    return _root(words, lambda s: _falconer(sigma, s), len(automaton.states))
 
 
-def affinity_dimension(automaton: Automaton) -> float | None:
-    """Return the best affinity bound over words of lengths that are affordable.
+def _actions(automaton: Automaton) -> list[NDArray[np.float64]]:
+    """Return what transitions do, as matrices (t, n, n): on space, else on controls and weights."""
+    if automaton.spatial:
+        return [automaton.maps[:, :, :3]]
+    found = _figure_maps(automaton)
+    if not len(_turning(automaton)[0]):
+        return [np.zeros((len(automaton.transitions), 3, 3))]
+    weights = _weight_blocks(automaton)
+    return [weights] if found is None else [found, weights]
 
-    None where cells are no affine images of space.
+
+def _weight_blocks(automaton: Automaton) -> NDArray[np.float64]:
+    """Return the diagonal blocks on the weights that sum to zero, in a flag that is kept.
+
+    Stretching the flag makes what is off the diagonal as small as one likes: only the blocks
+    count.
     """
-    if not automaton.spatial:
+    letters, label = _turning(automaton)
+    moves = [automaton.transitions[letter] for letter in letters]
+    sizes = np.ones(len(automaton.states), np.int64)
+    for t in moves:
+        sizes[t.source] = len(t.matrix)
+    ends = [(t.source, t.target) for t in moves]
+    found = turned(weight_system(ends, [t.matrix for t in moves], sizes.tolist())[0])
+    same = found.groups[found.system.sources][:, :, None]
+    same = same == found.groups[found.system.targets][:, None, :]
+    result = np.zeros((len(label), *found.system.matrices.shape[1:]))
+    result[letters] = np.where(same, found.system.matrices, 0.0)
+    return result
+
+
+# --- cells as images of their parents -------------------------------------------------------
+
+
+def _figure_ratios(automaton: Automaton) -> NDArray[np.float64] | None:
+    """Return the ratio of each transition on a cycle (t,), zero off them; None if not similar."""
+    A = _figure_maps(automaton, similar=True)
+    if A is None:
         return None
-    best, length = affinity_bound(automaton, 1), 2
-    many = max(len(children) for children in automaton.children)
-    while len(automaton.transitions) * many ** (length - 1) <= MOST_WORDS and length <= 12:
-        best = min(best, affinity_bound(automaton, length))
-        length += 1
-    return best
+    sigma = np.linalg.svd(A, compute_uv=False)
+    return np.asarray(sigma[:, 0], np.float64)
+
+
+def _figure_maps(automaton: Automaton, *, similar: bool = False) -> NDArray[np.float64] | None:
+    """Return the linear maps (t, 3, 3) from parents to children on cycles, zero off them.
+
+    None where the controls of some child on a cycle are no affine (or similar) image of those of
+    its state. A state's controls are the reference ones, or those of a cell below the part's first
+    state: whichever serves.
+    """
+    turning, label = _turning(automaton)
+    result = np.zeros((len(label), 3, 3))
+    for part in np.unique(label[turning]):
+        letters = turning[label[turning] == part]
+        for places in _places(automaton, letters):
+            found = [_image(automaton, places, int(letter), similar=similar) for letter in letters]
+            if all(A is not None for A in found):
+                result[letters] = found
+                break
+        else:
+            return None
+    return result
+
+
+def _places(
+    automaton: Automaton, letters: NDArray[np.int64]
+) -> list[dict[int, NDArray[np.float64]]]:
+    """Return where the controls of a part's states may lie: two choices."""
+    moves = [automaton.transitions[letter] for letter in letters]
+    reference = {t.source: automaton.states[t.source].controls for t in moves}
+    first = moves[0].source
+    below = {first: reference[first]}
+    while len(below) < len(reference):
+        for t in moves:
+            if t.source in below and t.target not in below:
+                below[t.target] = below[t.source] @ t.matrix
+    return [reference, below]
+
+
+def _image(
+    automaton: Automaton,
+    places: dict[int, NDArray[np.float64]],
+    letter: int,
+    *,
+    similar: bool,
+) -> NDArray[np.float64] | None:
+    """Return the linear map (3, 3) that takes a state's controls to the child's, or None.
+
+    Where the controls span less than space it is zero across them.
+    """
+    t = automaton.transitions[letter]
+    original, image = places[t.target], places[t.source] @ t.matrix
+    original = original - original.mean(axis=1, keepdims=True)
+    image = image - image.mean(axis=1, keepdims=True)
+    U, sizes, rows = np.linalg.svd(original, full_matrices=False)
+    rank = int((sizes > SIMILAR * max(sizes[0], 1e-300)).sum())
+    A = (image @ rows[:rank].T / sizes[:rank]) @ U[:, :rank].T
+    size = max(float(np.abs(image).max()), float(np.abs(original).max()) * 1e-3)
+    if np.abs(A @ original - image).max() > SIMILAR * size:
+        return None
+    sigma = np.linalg.svd(A, compute_uv=False)[: max(rank, 1)]
+    if similar and sigma[0] - sigma[-1] > SIMILAR * sigma[0]:
+        return None
+    return np.asarray(A)
 
 
 def _ends(automaton: Automaton) -> NDArray[np.int64]:
@@ -91,8 +209,9 @@ def _powers(scale: NDArray[np.float64], s: float) -> NDArray[np.float64]:
 
 
 def _falconer(sigma: NDArray[np.float64], s: float) -> NDArray[np.float64]:
-    if s >= 3:
-        return np.asarray(sigma.prod(axis=1) ** (s / 3))
+    d = sigma.shape[1]
+    if s >= d:
+        return np.asarray(sigma.prod(axis=1) ** (s / d))
     k = math.floor(s)
     return np.asarray(sigma[:, :k].prod(axis=1) * _powers(sigma[:, k], s - k))
 
@@ -101,16 +220,28 @@ def _root(
     ends: NDArray[np.int64], weights: Callable[[float], NDArray[np.float64]], states: int
 ) -> float:
     """Return the largest root of ρ(M(s)) = 1 over the strongly connected parts, or −∞."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(ends.shape[1], np.int8), (ends[0], ends[1])), shape=(states,) * 2)
-    label = connected_components(graph, directed=True, connection="strong")[1]
+    label = _parts(ends, states)
     same = label[ends[0]] == label[ends[1]]
     best = -math.inf
     for part in np.unique(label[ends[0][same]]):
         best = max(best, _bisected(ends, weights, states, same & (label[ends[0]] == part)))
     return best
+
+
+def _turning(automaton: Automaton) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the transitions on cycles, and the part that each transition's source is of, (t,)."""
+    ends = _ends(automaton)
+    label = _parts(ends, len(automaton.states))
+    return np.flatnonzero(label[ends[0]] == label[ends[1]]), label[ends[0]]
+
+
+def _parts(ends: NDArray[np.int64], states: int) -> NDArray[np.int64]:
+    """Return the number of each state's strongly connected part."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(ends.shape[1], np.int8), (ends[0], ends[1])), shape=(states,) * 2)
+    return np.asarray(connected_components(graph, directed=True, connection="strong")[1])
 
 
 def _bisected(

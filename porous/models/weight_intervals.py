@@ -20,6 +20,7 @@ from porous.models.adapted import (
     least_fixed_point,
     subinvariant,
     turned,
+    weight_system,
 )
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ def _shown(size: int, chosen: Sequence[int] | None) -> NDArray[np.float64]:
 
 def weights_of(part: Endless) -> Weights:
     """Return the maps of weights in adapted coordinates."""
-    system, b = _maps(part)
+    system, b = weight_system(part.ends, part.matrices, part.sizes)
     n = b.shape[1]
     corners = [np.vstack([np.eye(n)[: size - 1], np.zeros(n)]) for size in part.sizes]
     shown = [W.T @ z for W, z in zip(part.drawn, corners, strict=True)]
@@ -154,20 +155,6 @@ def weights_of(part: Endless) -> Weights:
     known = centres, found.bases, turn[0], turn[1]
     weights = Weights(found.system, shifts, doubts, *known, [], signed)
     return weights._replace(points=_limit_points(weights))
-
-
-def _maps(part: Endless) -> tuple[System, NDArray[np.float64]]:
-    """Return the maps z ↦ A·z + b of all weights but the last."""
-    widths = np.array(part.sizes) - 1
-    n, count = max(1, int(widths.max())), len(part.matrices)
-    A, errors, b = np.zeros((count, n, n)), np.zeros((count, n, n)), np.zeros((count, n))
-    for i, ((q, r), T) in enumerate(zip(part.ends, part.matrices, strict=True)):
-        here = i, slice(widths[q]), slice(widths[r])
-        A[here] = T[:-1, :-1] - T[:-1, -1:]
-        errors[here] = EPSILON * np.abs(A[here])
-        b[i, : widths[q]] = T[:-1, -1]
-    sources, targets = np.array(part.ends).T
-    return System(sources, targets, A, errors, widths), b
 
 
 def _upright(part: Endless, found: Turned, moved: NDArray[np.float64]) -> Turned:
