@@ -119,6 +119,34 @@ def test_figures_of_random_samples_lie_among_ours():
         assert float(found[1]) <= float(row["expected"]) <= float(found[2]), row["statement"]
 
 
+def seconds_of(rows, step, level):
+    return [row for row in rows if row["step"] == step and row["level"] == level]
+
+
+def test_bent_blocks_are_meshed_within_their_seconds():
+    rows = rows_of(ANALYSIS / "results" / "05_cell_mesh_speed.csv")
+    for level, cells, nodes, bar in (("3", "8000", "15616", 0.5), ("4", "160000", "295808", 5)):
+        found = seconds_of(rows, "all of these", level)
+        assert {row["cell"] for row in found} == {"hex-8", "hex-27"}
+        assert all((row["cells"], row["nodes"]) == (cells, nodes) for row in found)
+        assert all(float(row["seconds"]) <= bar == float(row["wanted_at_most"]) for row in found)
+        assert {row["met"] for row in found} == {"yes"}
+
+
+def assert_meshing_is_fast(rows):
+    # Ratios within one run: to know who shares a node by arithmetic is faster than to find it out
+    # from coordinates, and a whole mesh with its boundary takes no more than a few times as long.
+    for step, most in (("complex", 0.7), ("all of these", 4.0)):
+        found = seconds_of(rows, step, "4")
+        assert len(found) == 2
+        for row in found:
+            assert float(row["times_as_long_as_rounded_coordinates"]) <= most, row
+
+
+def test_meshing_is_fast_against_rounded_coordinates():
+    assert_meshing_is_fast(rows_of(ANALYSIS / "results" / "05_cell_mesh_speed.csv"))
+
+
 @pytest.mark.slow
 @each_study
 def test_a_study_runs(study, tmp_path):
@@ -140,3 +168,5 @@ def test_a_study_runs(study, tmp_path):
         assert_rasterising_is_fast(fresh)
     if study.stem == "04_cells_and_topology":
         assert_statements_hold(fresh)
+    if study.stem == "05_cell_mesh_speed":
+        assert_meshing_is_fast(fresh)
