@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from porous.models import primitive
-from porous.models.automaton import Automaton, expand, of_maps
+from porous.models.automaton import Automaton, State, Transition, expand, of_maps
 from porous.models.bcifs import bcifs
 from porous.models.betti import betti
 from porous.models.brep import Adjacency, Boundary, BRep, CellState, Child, Incidence, selection
@@ -29,6 +29,7 @@ from porous.models.cell_folds import corner_weights
 from porous.models.closure import OWN, closure
 from porous.models.complex import cell_complex
 from porous.models.contraction import contractivity, dobrushin
+from porous.models.control_box import control_box
 from porous.models.counts import boundary_count, counts
 from porous.models.digits import named
 from porous.models.dimension import affinity_bound, similarity_dimension
@@ -135,20 +136,6 @@ def koch_tetrahedron():
     return [onto(whole, part) for part in parts]
 
 
-def in_space(brep):
-    """Return the automaton of the maps that take reference cells to their children."""
-    frame = of_maps([(np.eye(3) / 2, np.zeros(3))]).states[0]
-    number = {q: index for index, q in enumerate(brep.reached)}
-    moves = []
-    for q in brep.reached:
-        for child in brep.states[q].children:
-            lifted = np.vstack([brep.states[child.state].controls, np.ones(child.guess.shape[1])])
-            A = brep.states[q].controls @ child.guess @ np.linalg.pinv(lifted)
-            move = of_maps([(A[:, :3], A[:, 3])]).transitions[0]
-            moves.append(replace(move, source=number[q], target=number[child.state]))
-    return Automaton((frame,) * len(number), tuple(moves))
-
-
 PHI = (1 + math.sqrt(5)) / 2
 SELF_SIMILAR = [  # name, source, number of maps, one over their ratio, maps
     ("Menger sponge", "K. Menger 1926", 20, "3", 3, digits("menger")),
@@ -195,9 +182,13 @@ def dimensions():
         source=f"E. Baird 2011; {moran}",
     )
     for name, eigenvalue, value, options in GRAPHS:
-        found = similarity_dimension(in_space(cell("tetra-octa", **options)))
+        found = similarity_dimension(solve(cell("tetra-octa", **options)).automaton())
         what, formula = f"dimension: {name}", f"log₂ {eigenvalue}"
         yield tell(what, formula, math.log2(value), found, source="Mauldin & Williams 1988")
+    for name in ("hex-8", "hex-27"):
+        what = f"dimension: Menger cells, {name}"
+        found = similarity_dimension(solve(cell(name, "menger")).automaton())
+        yield tell(what, "ln 20/ln 3", math.log(20, 3), found, source=f"K. Menger 1926; {moran}")
     tell = partial(row, how="affinity_bound")
     flat = of_maps([(np.diag([1 / 2, 1 / 3, 0]), np.zeros(3))] * 3)
     yield tell(
@@ -560,6 +551,23 @@ def contraction():
             formula = "max over words and columns of ½ ‖T_j − T_k‖₁"
             full = what.format(level, f"27 controls, {name}")
             yield tell(full, formula, expected, found, allowed=allowed)
+    widths = (0.5, 0.7)
+    yield tell(
+        "largest value of Takagi-Landsberg curves, w = 0.5 and 0.7, certified to 1e-4",
+        "Σ w^k·dist(2^k·x, ℤ) at x = 1/3: 1/(3·(1 − w))",
+        [1 / (3 * (1 - w)) for w in widths],
+        [control_box(takagi(w), tolerance=1e-4, drawn={0: ()}).upper[1] for w in widths],
+        source="T. Takagi 1903; G. Landsberg 1908",
+        how="control_box",
+        allowed=1e-4,
+    )
+
+
+def takagi(w):
+    """Return two maps of a curve of three controls; with w = 1/4 it is a parabola."""
+    half = np.array([[8, 5 - 4 * w, 2], [0, 2 + 8 * w, 4], [0, 1 - 4 * w, 2]]) / 8
+    state = State("curve", np.array([[0, 0.5, 1], [0, 1, 0], [0, 0, 0]]))
+    return Automaton((state,), tuple(Transition(0, 0, T) for T in (half, half[::-1, ::-1])))
 
 
 # --- volumes and meshes ----------------------------------------------------------------------

@@ -73,6 +73,8 @@ FIGURES = {
     "dimension: T → 4T, O → 8T + 6O, of T": "2.000000",
     "dimension: T → 4T, O → 8T + 6O, of O": "2.584963",
     "dimension: T → 4T + O, O → 8T": "2.449984",
+    "dimension: Menger cells, hex-8": "2.726833",
+    "dimension: Menger cells, hex-27": "2.726833",
     "Menger cell of 8 controls: free points of edge, face, volume": "2 / 4 / 8",
     "Menger cell of 8 controls: degrees of freedom of edge, face, volume": "2 / 12 / 56",
     "Menger cell of 8 controls, rough: distinct corners at random controls": "64 / 896",
