@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rough import BEZIER, curve, rough, sponge, straight, tetrahedra_and_octahedra
 
 from porous.errors import ModelError
 from porous.models.automaton import Automaton, State, Transition, of_maps
-from porous.models.contraction import (
-    check_contracts,
-    contractivity,
-    dobrushin,
-    shrinks,
-)
+from porous.models.contraction import check_contracts, contractivity, dobrushin
 from porous.models.digits import named
+from porous.models.shrinking import _characteristic, _integers, _schur, _schur_rounded, shrinks
 
 FERN = [
     [[0.85, 0.04], [-0.04, 0.85]],
@@ -242,3 +239,147 @@ def test_similarities_need_no_search(name):
     found = contractivity(of_maps(named(name).maps))
     assert (found.answer, found.lower) == ("yes", pytest.approx(1 / 3, abs=1e-12))
     assert found.upper == pytest.approx(1 / 3, abs=1e-12)
+
+
+# --- states of many controls -----------------------------------------------------------------
+
+HEIGHTS = (0.5, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("rules", "radius"),
+    [
+        (straight(3), 1 / 3),
+        (straight(2), 1 / 2),
+        (BEZIER, 1 / 3),
+        (rough(HEIGHTS, (0.3, 0.3, 0.3)), 1 / 3),
+        (rough(HEIGHTS, (0.45, -0.4, 0.45)), 0.45),
+        (rough(HEIGHTS, (0.9, -0.9, 0.9)), 0.9),
+        (rough(HEIGHTS, (0.98, 0.98, 0.98)), 0.98),
+        (rough((0.5,), (0.7, 0.7)), 0.7),
+    ],
+)
+def test_tensor_products_are_decided_by_the_curve_s_texture(rules, radius):
+    # The joint spectral radius of rules that are triangular together: the largest diagonal entry.
+    found = contractivity(sponge(rules))
+    assert found.answer == "yes"
+    assert found.lower == pytest.approx(radius, abs=1e-9)
+    assert radius - 1e-9 <= found.upper <= radius + 1e-5
+
+
+@pytest.mark.parametrize("texture", [(1.0, 1.0, 1.0), (-1.1, 0.3, 0.2), (0.2, 0.2, 1.1)])
+def test_textures_that_do_not_shrink_are_refused_by_the_word(texture):
+    automaton = sponge(rough(HEIGHTS, texture))
+    found = contractivity(automaton)
+    assert found.answer == "no"
+    matrices = [t.matrix[:-1, :-1] - t.matrix[:-1, -1:] for t in automaton.transitions]
+    product = np.linalg.multi_dot([np.eye(26), *(matrices[i] for i in found.word), np.eye(26)])
+    assert np.abs(np.linalg.eigvals(product)).max() > 1 - 1e-6
+    with pytest.raises(ModelError, match=f"map {found.word[0]} does not shrink"):
+        check_contracts(automaton)
+
+
+def test_textures_that_shrink_by_rounding_alone_are_not_accepted():
+    # No word's exact spectral radius reaches one: the products of rounded numbers miss it.
+    automaton = sponge(rough(HEIGHTS, (0.3, 0.2, -1.0)))
+    found = contractivity(automaton)
+    assert (found.answer, found.lower) == ("unknown", pytest.approx(1, abs=1e-12))
+    with pytest.raises(ModelError, match=rf"decided: .*map {found.word[0]} comes closest"):
+        check_contracts(automaton)
+
+
+def test_tau_of_many_controls_says_less():
+    # Dobrushin's coefficient of level 1 and 2: above one though the textures shrink.
+    levels = []
+    automaton = sponge(rough(HEIGHTS, (0.45, -0.4, 0.45)))
+    words = [t.matrix for t in automaton.transitions]
+    levels.append(max(map(dobrushin, words)))
+    corner = [words[i] @ words[j] for i in (0, 7, 12) for j in range(len(words))]
+    levels.append(max(map(dobrushin, corner)))
+    assert levels[0] == pytest.approx(1.663, abs=5e-4)
+    assert 1 < levels[1] < 1.1525
+    bezier = [t.matrix for t in sponge(BEZIER).transitions]
+    assert max(map(dobrushin, bezier)) == pytest.approx(0.91221, abs=5e-6)
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(seed=st.integers(0, 10**6), divisions=st.integers(2, 4))
+def test_curves_shrink_where_their_diagonals_do(seed, divisions):
+    rng = np.random.default_rng(seed)
+    rules = rough(rng.normal(size=divisions - 1), rng.uniform(-1.2, 1.2, size=divisions))
+    radius = max(1 / divisions, *(abs(np.trace(T) - 1 - 1 / divisions) for T in rules))
+    # In any coordinates, those of a permutation of the controls for one.
+    order = rng.permutation(3)
+    automaton = curve([T[np.ix_(order, order)] for T in rules], rng.normal(size=(3, 2)))
+    found = contractivity(automaton)
+    assert found.answer == ("yes" if radius < 1 else "no")
+    assert found.lower == pytest.approx(radius, abs=1e-6) or found.answer == "no"
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(seed=st.integers(0, 10**6), size=st.integers(4, 9), scale=st.floats(0.2, 1.2))
+def test_hidden_triangles_are_found(seed, size, scale):
+    rng = np.random.default_rng(seed)
+    upper = np.triu(rng.normal(size=(3, size, size)), 1) * 3
+    upper[:, range(size), range(size)] = rng.uniform(-scale, scale, size=(3, size))
+    V = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    A = np.pad(V @ upper @ V.T, ((0, 0), (0, 1), (0, 1)))
+    # Columns that sum to one, with that action on weights that sum to zero.
+    A[:, -1] = 1 - A.sum(axis=1)
+    controls = State("cell", rng.normal(size=(3, size + 1)))
+    automaton = Automaton((controls,), tuple(Transition(0, 0, T) for T in A))
+    radius = np.abs(upper[:, range(size), range(size)]).max()
+    found = contractivity(automaton)
+    if abs(radius - 1) > 0.01:
+        assert found.answer == ("yes" if radius < 1 else "no")
+    assert found.answer == "no" or found.lower <= radius * (1 + 1e-6) <= found.upper * (1 + 1e-5)
+
+
+def test_blocks_that_turn_are_told_too():
+    # Rotating maps that stretch singly, hidden among seven coordinates with what they drive.
+    rng = np.random.default_rng(4)
+    V = np.linalg.qr(rng.normal(size=(7, 7)))[0]
+    matrices = []
+    for sign in (1, -1):
+        A = np.triu(rng.normal(size=(7, 7)), 1) * 0.5
+        A[range(7), range(7)] = rng.uniform(-0.6, 0.6, 7)
+        A[2:4, 2:4] = sign * ROTATING
+        matrices.append(np.pad(V @ A @ V.T, ((0, 1), (0, 1))))
+        matrices[-1][-1] = 1 - matrices[-1].sum(axis=0)
+    state = State("cell", rng.normal(size=(3, 8)))
+    found = contractivity(Automaton((state,), tuple(Transition(0, 0, T) for T in matrices)))
+    assert found.answer == "yes"
+    assert found.lower == pytest.approx(np.sqrt(0.6), abs=1e-6)
+    assert found.upper < 0.8
+
+
+def test_states_of_several_sizes():
+    # Tetrahedra and octahedra: every child is half its parent.
+    found = contractivity(tetrahedra_and_octahedra())
+    assert (found.answer, found.lower) == ("yes", pytest.approx(0.5, abs=1e-9))
+    assert found.upper == pytest.approx(0.5, abs=3e-3)
+
+
+def test_terminal_states_do_not_disturb():
+    cell, strut = State("cell", np.eye(3)), State("strut", np.eye(3)[:, :2])
+    grow = np.array([[5.0, -3.0], [-4.0, 2.0], [0.0, 2.0]])
+    rules = [Transition(0, 0, T) for T in rough(HEIGHTS, (0.9, 0.2, 0.1))]
+    alone = contractivity(Automaton((cell,), tuple(rules)))
+    found = contractivity(Automaton((cell, strut), (*rules, Transition(0, 1, grow))))
+    assert (found.answer, found.lower, found.upper) == ("yes", alone.lower, alone.upper)
+
+
+def test_vertices_of_one_control_always_shrink():
+    vertex = State("vertex", np.zeros((3, 1)))
+    assert contractivity(Automaton((vertex,), (Transition(0, 0, np.eye(1)),))).answer == "yes"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_numbers_cut_short_decide_as_whole_ones_do(seed):
+    A = np.random.default_rng(seed).normal(size=(12, 12))
+    A *= (0.999 if seed % 2 else 1.001) / np.abs(np.linalg.eigvals(A)).max()
+    polynomial = _characteristic(*_integers(A))
+    assert _schur_rounded(polynomial) == _schur(polynomial) == bool(seed % 2)
+    assert shrinks(A) == bool(seed % 2)
+    # A root on the circle is too close to tell: left to the whole numbers.
+    assert _schur_rounded([-1, 0, 1]) is None

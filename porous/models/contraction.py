@@ -94,6 +94,8 @@ def contractivity(automaton: Automaton) -> Contractivity:
         return _refusal(max(refuted, key=lambda found: found.lower), upper)
     bounds = f"the joint spectral radius lies in [{lowest.lower:.9g}, {upper:.9g}]"
     answer = "yes" if upper < 1 - MARGIN else "unknown"
+    if answer == "unknown":
+        bounds += f", {_named(lowest.word)} comes closest"
     return Contractivity(answer, lowest.lower, max(upper, lowest.lower), lowest.word, bounds)
 
 
@@ -128,14 +130,17 @@ def dobrushin(T: NDArray[np.float64]) -> float:
 
 
 def _refusal(found: Found, upper: float) -> Contractivity:
-    letters = "·".join(map(str, found.word))
-    many = "maps" if len(found.word) > 1 else "map"
+    name, many = _named(found.word), len(found.word)
     reason = (
-        f"{many} {letters} (word of length {len(found.word)}, first letter outermost) stretch: "
-        if len(found.word) > 1
-        else f"{many} {letters} does not shrink: "
-    ) + f"spectral radius {found.lower ** len(found.word):.6g}; wanted less than 1"
+        f"{name} (word of length {many}, first letter outermost) stretch: "
+        if many > 1
+        else f"{name} does not shrink: "
+    ) + f"spectral radius {found.lower**many:.6g}; wanted less than 1"
     return Contractivity("no", found.lower, max(upper, found.lower), found.word, reason)
+
+
+def _named(word: tuple[int, ...]) -> str:
+    return f"{'maps' if len(word) > 1 else 'map'} {'·'.join(map(str, word))}"
 
 
 def _blocks(automaton: Automaton) -> list[_Block]:

@@ -25,6 +25,12 @@ SIMILAR = 1e-9
 MOST_WORDS = 20_000
 """Up to how many words of space's maps the affinity bound looks at."""
 
+MEANS = 400
+"""How many means are taken in the search for a metric."""
+
+DEFINITE = 1e-9
+"""A metric of trace one is blind where its eigenvalues are smaller."""
+
 LONGEST = 12
 """The longest of them."""
 
@@ -71,9 +77,15 @@ def affinity_bound(automaton: Automaton, length: int) -> float:
 
 
 def affinity_dimension(automaton: Automaton) -> float:
-    """Return the best affinity bound over words of lengths that are affordable; −∞ as above."""
+    """Return the best affinity bound over words of lengths that are affordable; −∞ as above.
+
+    Of similar cells it is the similarity dimension, or 3.
+    """
+    known = similarity_dimension(automaton)
+    if known is not None:
+        return min(3.0, known)
     many = max(len(children) for children in automaton.children)
-    best = 3.0 if len(_turning(automaton)[0]) else -math.inf
+    best = 3.0
     for part in _actions(automaton):
         cost = max(1.0, part.shape[1] / 3) ** 2
         best, length = min(best, _affinity(automaton, part, 1)), 2
@@ -99,8 +111,6 @@ def _actions(automaton: Automaton) -> list[NDArray[np.float64]]:
     if automaton.spatial:
         return [automaton.maps[:, :, :3]]
     found = _figure_maps(automaton)
-    if not len(_turning(automaton)[0]):
-        return [np.zeros((len(automaton.transitions), 3, 3))]
     weights = _weight_blocks(automaton)
     return [weights] if found is None else [found, weights]
 
@@ -112,6 +122,8 @@ def _weight_blocks(automaton: Automaton) -> NDArray[np.float64]:
     count.
     """
     letters, label = _turning(automaton)
+    if not len(letters):
+        return np.zeros((len(label), 1, 1))
     moves = [automaton.transitions[letter] for letter in letters]
     sizes = np.ones(len(automaton.states), np.int64)
     for t in moves:
@@ -130,26 +142,77 @@ def _weight_blocks(automaton: Automaton) -> NDArray[np.float64]:
 
 def _figure_ratios(automaton: Automaton) -> NDArray[np.float64] | None:
     """Return the ratio of each transition on a cycle (t,), zero off them; None if not similar."""
-    A = _figure_maps(automaton, similar=True)
+    A = _figure_maps(automaton)
     if A is None:
         return None
-    sigma = np.linalg.svd(A, compute_uv=False)
-    return np.asarray(sigma[:, 0], np.float64)
+    letters = np.flatnonzero(np.abs(A).max(axis=(1, 2)) > 0)
+    sources, targets = _ends(automaton)[:, letters]
+    metrics = _metrics(sources, targets, A[letters], len(automaton.states))
+    pulled = A[letters].transpose(0, 2, 1) @ metrics[sources] @ A[letters]
+    squares = np.trace(pulled, axis1=1, axis2=2)
+    if not _definite(A[letters], targets, metrics):
+        return None
+    defects = np.abs(pulled - squares[:, None, None] * metrics[targets]).max(axis=(1, 2))
+    if (defects > SIMILAR * squares).any():
+        return None
+    result = np.zeros(len(A))
+    result[letters] = np.sqrt(squares)
+    return result
 
 
-def _figure_maps(automaton: Automaton, *, similar: bool = False) -> NDArray[np.float64] | None:
+def _definite(
+    A: NDArray[np.float64], targets: NDArray[np.int64], metrics: NDArray[np.float64]
+) -> bool:
+    """Tell whether the inner products are positive wherever some map is not zero."""
+    size = np.linalg.norm(A, axis=(1, 2))
+    values, vectors = np.linalg.eigh(metrics)
+    # What a metric hardly measures must be what the maps hardly see.
+    blind = np.where(values < DEFINITE, 1.0, 0.0)
+    hidden = vectors * blind[:, None, :]
+    return bool((np.abs(A @ hidden[targets]).max(axis=(1, 2)) <= SIMILAR * size).all())
+
+
+def _metrics(
+    sources: NDArray[np.int64], targets: NDArray[np.int64], A: NDArray[np.float64], states: int
+) -> NDArray[np.float64]:
+    """Return inner products G_q (s, 3, 3) of trace one for which the maps are similar, if any are.
+
+    An affine image of similar maps is none, but has their dimension: AᵀG_qA ∝ G_r is what the
+    mean over the maps, and over their words, comes to.
+    """
+    spans = np.zeros((states, 3, 3))
+    np.add.at(spans, targets, A.transpose(0, 2, 1) @ A)
+    G = np.zeros_like(spans)
+    for q, span in enumerate(spans):
+        values, vectors = np.linalg.eigh(span)
+        inside = vectors[:, values > SIMILAR * max(values[-1], 1e-300)]
+        G[q] = inside @ inside.T / max(inside.shape[1], 1)
+    share = 1 / np.maximum(np.bincount(targets, minlength=states), 1)[targets]
+    for _ in range(MEANS):
+        pulled = A.transpose(0, 2, 1) @ G[sources] @ A
+        pulled *= (share / np.maximum(np.trace(pulled, axis1=1, axis2=2), 1e-300))[:, None, None]
+        mean = np.zeros_like(G)
+        np.add.at(mean, targets, pulled)
+        change = np.abs(mean - G).max()
+        G = (G + mean) / 2
+        if change <= 1e-14:
+            break
+    return G
+
+
+def _figure_maps(automaton: Automaton) -> NDArray[np.float64] | None:
     """Return the linear maps (t, 3, 3) from parents to children on cycles, zero off them.
 
-    None where the controls of some child on a cycle are no affine (or similar) image of those of
-    its state. A state's controls are the reference ones, or those of a cell below the part's first
-    state: whichever serves.
+    None where the controls of some child on a cycle are no affine image of those of its state. A
+    state's controls are the reference ones, or those of a cell below the part's first state:
+    whichever serves.
     """
     turning, label = _turning(automaton)
     result = np.zeros((len(label), 3, 3))
     for part in np.unique(label[turning]):
         letters = turning[label[turning] == part]
         for places in _places(automaton, letters):
-            found = [_image(automaton, places, int(letter), similar=similar) for letter in letters]
+            found = [_image(automaton, places, int(letter)) for letter in letters]
             if all(A is not None for A in found):
                 result[letters] = found
                 break
@@ -177,8 +240,6 @@ def _image(
     automaton: Automaton,
     places: dict[int, NDArray[np.float64]],
     letter: int,
-    *,
-    similar: bool,
 ) -> NDArray[np.float64] | None:
     """Return the linear map (3, 3) that takes a state's controls to the child's, or None.
 
@@ -193,9 +254,6 @@ def _image(
     A = (image @ rows[:rank].T / sizes[:rank]) @ U[:, :rank].T
     size = max(float(np.abs(image).max()), float(np.abs(original).max()) * 1e-3)
     if np.abs(A @ original - image).max() > SIMILAR * size:
-        return None
-    sigma = np.linalg.svd(A, compute_uv=False)[: max(rank, 1)]
-    if similar and sigma[0] - sigma[-1] > SIMILAR * sigma[0]:
         return None
     return np.asarray(A)
 

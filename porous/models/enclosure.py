@@ -13,20 +13,22 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.adapted import adapted_norms
-from porous.models.automaton import DEEPEST
+from porous.models.automaton import DEEPEST, Automaton, Transition, reachable
+from porous.models.control_box import control_box
 from porous.values import Box
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from porous.models.automaton import Automaton
-
 SLACK = 1e-9
 """By which part of their size balls are blown up against rounding."""
 
 SHRUNK = 0.9
 """A word's map must shrink at least to this to carry a ball."""
+
+COARSE = 0.01
+"""How much too large the boxes of weights' images may be, relative to the controls' extent."""
 
 MOST_WORDS = 20_000
 """How many words a search may hold."""
@@ -73,13 +75,16 @@ def enclosing_balls(automaton: Automaton, seeds: Seeds | None = None) -> NDArray
     Hart & DeFanti 1991, Rice 1996: a ball that every map sends into itself holds the attractor.
     Its radius is convex in its centre; for one state it is minimised, for several the centres are
     the means of the invariant measures. Where maps stretch, words that shrink take their place, in
-    the adapted norm where that needs fewer.
+    the adapted norm where that needs fewer. Where states are no frames of space, terminal ones or
+    others, the balls are those about the boxes of their weights' images (``control_box``).
 
     Raises
     ------
     ModelError
-        Where the states are no frames of space or the maps shrink too slowly for the search.
+        Where the maps shrink too slowly for the search, or seeds are asked for without frames.
     """
+    if seeds is None and not automaton.spatial:
+        return np.array([_ball_of_weights(automaton, q) for q in range(len(automaton.states))])
     found = _boxed(automaton, seeds, _ellipsoids(automaton, seeds))
     widest = np.linalg.norm(found.inverses, 2, axis=(1, 2)) * found.radii * (1 + SLACK)
     about = np.linalg.norm(found.upper - found.lower, axis=1) / 2 * (1 + SLACK)
@@ -119,6 +124,28 @@ def orbit_box(automaton: Automaton, seeds: Seeds, *, tolerance: float) -> Box:
     if invariant_box(automaton, seeds.box):
         return seeds.box
     return enclosing_box(automaton, seeds, tolerance=tolerance)
+
+
+def _ball_of_weights(automaton: Automaton, state: int) -> tuple[float, float, float, float]:
+    """Return a ball about a certified box of one state's set."""
+    chosen = sorted(reachable(automaton, state))
+    controls = automaton.states[state].controls
+    if chosen == [state] and not automaton.children[state]:
+        box = Box.of_points(controls.T)
+    else:
+        moves = tuple(
+            Transition(chosen.index(t.source), chosen.index(t.target), t.matrix)
+            for t in automaton.transitions
+            if t.source in chosen
+        )
+        states = tuple(automaton.states[q] for q in chosen)
+        part = Automaton(states, moves, chosen.index(state))
+        silent = {q: () for q, children in enumerate(part.children) if children}
+        size = max(float(np.ptp(controls, axis=1).max()), 1e-300)
+        box = control_box(part, tolerance=COARSE * size, drawn=silent)
+    x, y, z = box.centre
+    radius = float(np.linalg.norm(np.subtract(box.upper, box.lower))) / 2
+    return x, y, z, radius * (1 + SLACK) + SLACK * 1e-3
 
 
 def _ellipsoids(automaton: Automaton, seeds: Seeds | None) -> _Enclosure:

@@ -16,6 +16,7 @@ from porous.models.adapted import (
     EPSILON,
     System,
     Turned,
+    growth,
     in_coordinates,
     least_fixed_point,
     subinvariant,
@@ -38,6 +39,9 @@ MOST_WORDS = 4_000
 
 MOST_SKEW = 1e3
 """Positions serve as coordinates where they are no closer to dependent than this."""
+
+RIDGE = 1e-9
+"""Which part of the largest variance counts as none."""
 
 MOMENTS = 100
 """How many steps the second moments of the limit are followed."""
@@ -171,11 +175,23 @@ def _upright(part: Endless, found: Turned, moved: NDArray[np.float64]) -> Turned
         free = size.min() > 1e-9 * np.abs(controls).max() and seen.shape == (3, 3)
         if free and np.linalg.cond(seen / size) < MOST_SKEW:
             Y[q, last] = seen / size @ Y[q, last]
-    found = in_coordinates(found.original, Y, found.groups)
-    C = _moments(found, np.einsum("tij,tj->ti", Y[found.system.sources], moved))
+    placed = in_coordinates(found.original, Y, found.groups)
+    C = _moments(placed, np.einsum("tij,tj->ti", Y[found.system.sources], moved))
     for q, width in enumerate(found.original.widths):
         Y[q, :width] = _decorrelation(C[q, :width, :width]) @ Y[q, :width]
-    return in_coordinates(found.original, Y, found.groups)
+    upright = in_coordinates(found.original, Y, found.groups)
+    return found if _contraction(upright.system) is None else upright
+
+
+def _contraction(system: System) -> tuple[NDArray[np.float64], float] | None:
+    """Return x > 0 and λ < 1 with |B|·x ≤ λ·x, errors included, or None."""
+    sizes = np.abs(system.matrices) + system.errors
+    for ratio in RATIOS:
+        x = subinvariant(system, sizes, ratio)
+        found = 1.0 if x is None else growth(system, sizes, x)
+        if x is not None and found < 1:
+            return x, found
+    return None
 
 
 def _seen(controls: NDArray[np.float64], bases: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -200,9 +216,10 @@ def _moments(found: Turned, shifts: NDArray[np.float64]) -> NDArray[np.float64]:
 def _decorrelation(C: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a unit upper triangle U such that U·C·Uᵀ is nearly diagonal."""
     U = np.eye(len(C))
+    # What does not vary says nothing: the ridge keeps it out.
+    ridged = C + RIDGE * max(float(np.diag(C).max(initial=0.0)), 1e-300) * np.eye(len(C))
     for i in range(len(C) - 1):
-        later = C[i + 1 :, i + 1 :]
-        U[i, i + 1 :] = -np.linalg.lstsq(later, C[i + 1 :, i], rcond=1e-12)[0]
+        U[i, i + 1 :] = -np.linalg.solve(ridged[i + 1 :, i + 1 :], C[i + 1 :, i])
     return U
 
 
@@ -297,13 +314,10 @@ def _kept(
     """
     system, n = words.system, words.shifts.shape[1]
     sizes = np.abs(system.matrices) + system.errors
-    x, ratio = None, 1.0
-    for ratio in RATIOS:
-        x = subinvariant(system, sizes, ratio)
-        if x is not None:
-            break
-    if x is None:
+    known = _contraction(system)
+    if known is None:
         return None
+    x, ratio = known
     plus, minus = np.maximum(system.matrices, 0), np.maximum(-system.matrices, 0)
     doubled = np.block([[plus, minus], [minus, plus]])
     constants = np.hstack([words.shifts, -words.shifts])
