@@ -97,7 +97,7 @@ def turned(system: System) -> Turned:
     rough = inverses[system.sources] @ system.matrices @ bases[system.targets]
     for number in range(int(found.groups.max(initial=-1)) + 1):
         _round_off(bases, found, number, system, rough)
-    return in_coordinates(system, np.linalg.inv(bases), found.groups)
+    return in_coordinates(system, np.asarray(np.linalg.inv(bases), np.float64), found.groups)
 
 
 def in_coordinates(
@@ -226,7 +226,7 @@ def _solved_policy(
         x = np.linalg.solve(whole, right)
     except np.linalg.LinAlgError:
         return None
-    return x.reshape(chosen.shape) if np.isfinite(x).all() else None
+    return np.asarray(x).reshape(chosen.shape) if np.isfinite(x).all() else None
 
 
 def adapted_norms(

@@ -161,7 +161,7 @@ def _closed(system: _System, rng: np.random.Generator) -> _Family:
         whole[first[q] : first[q + 1], first[r] : first[r + 1]] += weight * A
     size = float(np.linalg.norm(whole, 2))
     inverse = np.linalg.inv(np.eye(len(whole)) - whole * (0.7 / size if size else 0.0))
-    return [inverse[a:b, a:b] for a, b in pairwise(first)]
+    return [np.asarray(inverse[a:b, a:b], np.float64) for a, b in pairwise(first)]
 
 
 def _transposed(family: _Family) -> _Family:
@@ -172,18 +172,20 @@ def _starts(generic: list[_Family], cluster: float) -> list[tuple[int, NDArray[n
     """Return the states' eigenspaces under the first generic sum, each cut to what others keep."""
     result = []
     for q, R in enumerate(generic[0]):
-        for value in _distinct(np.linalg.eigvals(R), cluster) if len(R) else []:
-            space = _null(R - value * np.eye(len(R)), KEPT * np.linalg.norm(R, 2))
+        for value in _distinct(R, cluster) if len(R) else []:
+            space = _null(R - value * np.eye(len(R)), KEPT * float(np.linalg.norm(R, 2)))
             smaller = _held(space, [g[q] for g in generic[1:]])
             # Where nothing is held each vector of the eigenspace may still generate less than all.
             result.append((q, smaller if smaller.shape[1] else space))
     return result
 
 
-def _distinct(values: NDArray[np.complex128], cluster: float) -> list[complex]:
+def _distinct(matrix: NDArray[np.float64], cluster: float) -> list[complex]:
     """Return the means of eigenvalues that lie together; of conjugate ones a single one."""
-    values = values[values.imag >= 0] if len(values) else values
-    left = sorted(values, key=lambda value: (value.real, value.imag))
+    values = [complex(value) for value in np.linalg.eigvals(matrix)]
+    left = sorted(
+        (value for value in values if value.imag >= 0), key=lambda value: (value.real, value.imag)
+    )
     scale = max(map(abs, left))
     result = []
     while left:
@@ -279,7 +281,7 @@ def _smallest(system: _System, starts: list[tuple[int, NDArray[np.complex128]]])
     best, least = None, sum(system.widths)
     for q, space in starts:
         vector = space[:, :1]
-        pair = np.hstack([vector.real, vector.imag]) if np.iscomplexobj(vector) else vector
+        pair = np.hstack([vector.real, vector.imag] if np.iscomplexobj(vector) else [vector.real])
         family = _generated(system, q, pair, system.widths)
         many = least if family is None else sum(W.shape[1] for W in family)
         if many < least:
