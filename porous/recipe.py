@@ -11,6 +11,7 @@ import copy
 import hashlib
 import importlib
 import pkgutil
+import re
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -325,11 +326,17 @@ def _put(table: dict[str, Any], path: str, value: object) -> None:
             if other not in mine:
                 section, _, key = other.partition(".")
                 table.get(section, {}).pop(key, None)
-    steps = path.split(".")
+    steps = _steps(path)
     here: Any = table
     for step, below in pairwise(steps):
         here = _entered(here, step, below, path)
     here[_index(here, steps[-1], path)] = value
+
+
+def _steps(path: str) -> list[str]:
+    """Return the keys of a path; one in quotation marks may hold dots, as in TOML."""
+    outside = r'\.(?=(?:[^"]*"[^"]*")*[^"]*$)'
+    return [re.sub(r'^"(.*)"$', r"\1", step) for step in re.split(outside, path)]
 
 
 def _entered(here: Any, step: str, below: str, path: str) -> Any:

@@ -271,3 +271,56 @@ def test_a_texture_that_does_not_contract_is_refused_by_word():
     change = {"model.texture": {"edge": [1.2, 0.2, 0.2], "bump": 0.4}}
     with pytest.raises(ModelError, match=r"contract|spectral|word"):
         po.build(po.load("menger-bent", set=change))
+
+
+def test_a_slider_with_dots_in_its_name_can_be_set_by_path():
+    by_path = po.load("menger-block", set={'model.moves."edge.0.1"': [0.05, 0.0, 0.0]})
+    by_table = po.load("menger-block", set={"model.moves": {"edge.0.1": [0.05, 0.0, 0.0]}})
+    assert by_path == by_table
+
+
+KOCH = """
+format = 1
+[model]
+kind = "bcifs"
+level = 3
+start = "curve"
+draw = { along = ["edges", "vertices"], radius = 0.01 }
+[[model.states]]
+name = "curve"
+shape = "edge"
+controls = [[0, 0, 0], [0.5, 0.28867513459481287, 0], [1, 0, 0]]
+boundaries = [
+  { name = "A", state = "vertex", controls = [0] },
+  { name = "B", state = "vertex", controls = [2] },
+]
+children = [
+  { name = "a", state = "curve", matrix = [[1, @, @], [0, #, 0], [0, 0, #]] },
+  { name = "b", state = "curve", matrix = [[@, #, 0], [0, @, 1], [#, 0, 0]] },
+  { name = "c", state = "curve", matrix = [[0, 0, #], [1, @, 0], [0, #, @]] },
+  { name = "d", state = "curve", matrix = [[#, 0, 0], [0, #, 0], [@, @, 1]] },
+]
+constraints = ["a.A = A/0", "d.B = B/0", "a.B = b.A", "b.B = c.A", "c.B = d.A"]
+[voxels]
+voxels = 80
+""".replace("@", repr(2 / 3)).replace("#", repr(1 / 3))
+
+
+def test_a_koch_curve_in_full_is_a_wire(tmp_path):
+    path = tmp_path / "koch.toml"
+    path.write_text(KOCH)
+    model = po.build(po.load(path))
+    assert model.counts == (4**3 + 1, 4**3, 0, 0)
+    assert model.betti_numbers == (1, 0, 0)
+    wire = swept(model, model.sweep)
+    lengths = np.linalg.norm(np.diff(wire.capsules, axis=1)[:, 0], axis=1)
+    assert lengths == pytest.approx(np.full(64, 3.0**-3), rel=1e-12)
+    assert wire.capsules[..., 1].max() == pytest.approx(np.sqrt(3) / 6, rel=1e-12)
+    assert po.voxelize(model, voxels=120).solid.any()
+
+
+def test_a_curve_without_a_drawing_is_refused(tmp_path):
+    path = tmp_path / "koch.toml"
+    path.write_text(KOCH.replace('draw = { along = ["edges", "vertices"], radius = 0.01 }\n', ""))
+    with pytest.raises(ModelError, match="state curve are of shape edge, no volumes"):
+        po.build(po.load(path))

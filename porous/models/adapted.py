@@ -23,10 +23,13 @@ if TYPE_CHECKING:
 EPSILON = float(np.finfo(float).eps)
 
 LARGEST_KRONECKER = 12
-"""With more coordinates in all states the ellipsoids come from an iteration."""
+"""With more coordinates in all states the ellipsoids come from iterations."""
 
-ROUNDS = 60
-"""How many of its steps are made."""
+ROUNDS = 40
+"""How many of its steps are made, …"""
+
+WEIGHTINGS = 10
+"""… and for how many weightings of the matrices."""
 
 POLICIES = 60
 """How often rows may choose anew."""
@@ -130,7 +133,7 @@ def stretched(turned: Turned, lower: float) -> tuple[float, System]:
     all groups have one dimension it is the norm of row sums in the system returned. ``lower``
     says where to look for λ.
     """
-    norms = _block_norms(turned)
+    norms = block_norms(turned.system, turned.groups)
     best, found = np.inf, turned.system
     for step in STEPS:
         weights = subinvariant(turned.system, norms, lower + step * abs(1 - lower))
@@ -235,13 +238,29 @@ def adapted_norms(
     """Return matrices L per state such that |Lᵀx| suits the maps, or None where there are none.
 
     P_r = I + γ⁻² Σ AᵀP_qA over the transitions q → r, γ slightly above ρ(ΣA⊗A)^½, and P = LLᵀ. It
-    serves even where γ ≥ 1: the maps' norms are what counts.
+    serves even where γ ≥ 1: the maps' norms are what counts. With many coordinates the matrices are
+    weighted such that the largest norm becomes small.
     """
     count, size = int(max(sources.max(), targets.max())) + 1, matrices.shape[1]
-    if count * size > LARGEST_KRONECKER:
-        P = _iterated(sources, targets, matrices, count)
-    else:
-        P = _solved(sources, targets, matrices, count)
+    if count * size <= LARGEST_KRONECKER:
+        return _root_of(_solved(sources, targets, matrices, count))
+    best, least, weights = None, np.inf, np.ones(len(matrices))
+    for _ in range(WEIGHTINGS):
+        P = _iterated(sources, targets, matrices * np.sqrt(weights)[:, None, None], count)
+        found = _root_of(P)
+        if found is None:
+            break
+        left, right = found.transpose(0, 2, 1), np.linalg.inv(found).transpose(0, 2, 1)
+        norms = np.linalg.norm(left[sources] @ matrices @ right[targets], 2, axis=(1, 2))
+        if norms.max() < least:
+            best, least = found, float(norms.max())
+        # The largest matrices have more say in the next ellipsoids.
+        weights *= (norms / norms.mean()) ** 4
+        weights *= len(weights) / weights.sum()
+    return best
+
+
+def _root_of(P: NDArray[np.float64]) -> NDArray[np.float64] | None:
     try:
         return np.asarray(np.linalg.cholesky((P + P.transpose(0, 2, 1)) / 2), np.float64)
     except np.linalg.LinAlgError:
@@ -315,11 +334,10 @@ def _round_off(
         bases[q][:, chosen] = bases[q][:, chosen] @ np.linalg.inv(lower[q][:many, :many].T)
 
 
-def _block_norms(turned: Turned) -> NDArray[np.float64]:
+def block_norms(system: System, groups: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return bounds on the norms of the blocks between groups, (t, g, g), errors included."""
-    count = int(turned.groups.max(initial=0)) + 1
-    system = turned.system
-    member = (turned.groups[:, :, None] == np.arange(count)).astype(float)
+    count = int(groups.max(initial=0)) + 1
+    member = (groups[:, :, None] == np.arange(count)).astype(float)
     left, right = member[system.sources], member[system.targets]
     total = np.abs(system.matrices) + system.errors
     norms = np.sqrt(left.transpose(0, 2, 1) @ total**2 @ right)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
@@ -114,7 +115,9 @@ class BCIFSSection(Section):
         default=None, description="the control points [x, y, z] of the level-0 cell"
     )
     size: float | None = Field(
-        default=None, gt=0, description="length of the domain's longest edge, in unit"
+        default=None,
+        gt=0,
+        description="length of the domain's longest edge before radius and offset, in unit",
     )
     unit: Literal["nm", "um", "mm", "cm", "m", "in"] = Field(
         default="mm", description="nm, um, mm, cm, m or in"
@@ -217,7 +220,8 @@ def bcifs(
     draw
         What is swept along the cells; the solid cells where not given.
     size
-        Length of the domain's longest edge, in ``unit``; controls are in ``unit`` where not given.
+        Length of the domain's longest edge before it grows by radius and offset, in ``unit``;
+        controls are in ``unit`` where not given.
     unit
         nm, um, mm, cm, m or in.
     offset
@@ -236,7 +240,13 @@ def bcifs(
         As ``build``.
     """
     solution = solve(brep, moves)
-    given = _controls(brep.states[brep.start], controls)
+    start = brep.states[brep.start]
+    given = _controls(start, controls)
+    if start.dimension < 3 and draw is None:
+        raise ModelError(
+            f"draw: cells of state {start.name} are of shape {start.shape}, no volumes; wanted "
+            '{ along = ["edges"], radius = … }'
+        )
     check_contracts(solution.automaton(given))
     box = domain or natural_box(solution, given, BOX_TOLERANCE)
     scale = 1.0 if size is None else float(size) / max(box.lengths)
@@ -249,6 +259,8 @@ def bcifs(
         tuple(digits),
         bulk.scaled(scale) if bulk else None,
     )
+    if bulk is None and start.dimension < 3:
+        system = replace(system, bulk_box=system.domain.grown(draw.radius if draw else 0.0))
     shared = {name: getattr(system, name) for name in CellSystem.__dataclass_fields__}
     if draw is None and not offset and contacts != "fuse":
         return CellBody(**shared, contacts=contacts)

@@ -236,16 +236,9 @@ def cell_nodes(
         Before anything is allocated.
     """
     brep = solution.brep
-    count = count_cells(automaton, level)
-    check_memory(
-        BYTES_PER_CELL * count, f"a mesh of level {level} ({count} cells)", "Choose a lower level."
-    )
     cuts = [cut(brep, entities.state) for entities in complex_.cells]
-    weights = {q: corner_weights(solution, q) for q in brep.reached}
-    check_controls(brep, automaton.states[automaton.start].controls, weights[brep.start])
-    spots = _spots(solution, automaton, weights, level, complex_.cells)
-    corners = [_ids(complex_, entities, 0) for entities in complex_.cells]
-    points = _points(spots, corners, automaton.states[automaton.start].controls)
+    weights = _corner_weights(solution)
+    points, corners = placed_corners(solution, complex_, automaton, level)
     hand = handedness(solution, automaton, weights, level)
     groups = tuple(
         Group(
@@ -264,6 +257,28 @@ def cell_nodes(
     names = {k: brep.states[start].boundaries[k].name for k in faces}
     closures = {k: (k, *(use.boundary for use in brep.sub[start][k])) for k in faces}
     return CellNodes(points, groups, origins, names, closures, brep, level)
+
+
+def placed_corners(
+    solution: Solution, complex_: Complex, automaton: Automaton, level: int
+) -> tuple[Floats, list[Indices]]:
+    """Return where a complex's vertices lie (v, 3), and the corners (k, c) of its cells by state.
+
+    Of cells of any dimension; parameters and errors as ``cell_nodes``.
+    """
+    count = count_cells(automaton, level)
+    check_memory(
+        BYTES_PER_CELL * count, f"a mesh of level {level} ({count} cells)", "Choose a lower level."
+    )
+    weights, controls = _corner_weights(solution), automaton.states[automaton.start].controls
+    check_controls(solution.brep, controls, weights[solution.brep.start])
+    spots = _spots(solution, automaton, weights, level, complex_.cells)
+    corners = [_ids(complex_, entities, 0) for entities in complex_.cells]
+    return _points(spots, corners, controls), corners
+
+
+def _corner_weights(solution: Solution) -> dict[int, Floats]:
+    return {q: corner_weights(solution, q) for q in solution.brep.reached}
 
 
 def _of_dimension(brep: BRep, dimension: int) -> list[int]:

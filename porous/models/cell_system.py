@@ -14,10 +14,12 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.automaton import DEEPEST, Automaton
+from porous.models.betti import betti
 from porous.models.cell_folds import corner_weights
-from porous.models.cell_nodes import CellNodes, cell_nodes
+from porous.models.cell_nodes import CellNodes, cell_nodes, placed_corners
 from porous.models.closure import Closure, closure
 from porous.models.complex import Complex, cell_complex
+from porous.models.counts import counts
 from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value, frozen
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from porous.values import Frame, Pattern, SurfaceMesh
 
     Floats = NDArray[np.float64]
+    Indices = NDArray[np.int64]
 
 WEIGHTLESS = 1e-12
 """Weights below this count as none when the controls that corners lie on are looked for."""
@@ -107,12 +110,31 @@ class CellSystem(Value):
         """Where the vertices of the complex lie, and which cells share them."""
         return cell_nodes(self.solution, self.complex, self.automaton, self.level)
 
+    @cached_property
+    def places(self) -> tuple[Floats, list[Indices]]:
+        """Where the vertices of the complex lie, (v, 3), and the corners of its cells by state."""
+        return placed_corners(self.solution, self.complex, self.automaton, self.level)
+
     def corners(self) -> list[tuple[str, Floats]]:
         """Return the shape of each group of cells and where its corners lie, (k, c, 3)."""
+        points, corners = self.places
         return [
-            (self.brep.states[group.state].shape, self.nodes.points[group.corners])
-            for group in self.nodes.groups
+            (self.brep.states[group.state].shape, points[own])
+            for group, own in zip(self.complex.cells, corners, strict=True)
         ]
+
+    @property
+    def counts(self) -> tuple[int, int, int, int]:
+        """Vertices, edges, faces and cells of the closed complex of the level, whole numbers.
+
+        From the power of a matrix: levels far too deep to be made are counted too.
+        """
+        return counts(self.closure, self.level)
+
+    @property
+    def betti_numbers(self) -> tuple[int, int, int]:
+        """Pieces, tunnels and cavities of the closed complex of the level."""
+        return betti(self.complex)
 
     @property
     def digits_by_level(self) -> tuple[DigitSet, ...]:

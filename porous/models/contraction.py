@@ -15,7 +15,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.adapted import EPSILON, System, adapted_norms, in_coordinates, stretched, turned
-from porous.models.gripenberg import MARGIN, Found, Letters, gripenberg
+from porous.models.gripenberg import MARGIN, REFINEMENT, Found, Letters, gripenberg
 from porous.models.shrinking import shrinks
 from porous.values.value import Value
 
@@ -237,7 +237,7 @@ def _in_flags(system: System, best: Found) -> Found:
     found = turned(system)
     for number in range(int(found.groups.max()) + 1):
         part = _letters(_diagonal(found, number))
-        best = _better(best, gripenberg(part)._replace(upper=np.inf))
+        best = _better(best, gripenberg(part, budget=REFINEMENT)._replace(upper=np.inf))
     for word in _suspects(found, best):
         if not shrinks(*system.matrices[list(word)]):
             radius = max(best.lower, 1.0) if word != best.word else best.lower
@@ -248,8 +248,6 @@ def _in_flags(system: System, best: Found) -> Found:
         return best
     rows = bool((np.diff(found.groups, axis=1) != 0).all())
     best = _better(best, gripenberg(_letters(scaled, rows=rows)))
-    if best.upper >= 1 - MARGIN:
-        best = _better(best, gripenberg(_letters(system)))
     worst = best.lower > 1 - CLOSE and not shrinks(*system.matrices[list(best.word)])
     return best._replace(refuted=worst)
 

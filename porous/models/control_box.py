@@ -15,6 +15,7 @@ from porous.errors import ModelError
 from porous.models.weight_intervals import (
     Intervals,
     endless,
+    group_sizes,
     intervals,
     negatives,
     weights_of,
@@ -134,7 +135,7 @@ def _narrowed(weights: Weights, held: Intervals) -> Intervals:
     lower = np.maximum(held.lower, lower.reshape(count, n) - size)
     upper = np.minimum(held.upper, upper.reshape(count, n) + size)
     negative = np.minimum(held.negative, negatives(weights, lower, upper))
-    held = Intervals(lower, upper, negative)
+    held = held._replace(lower=lower, upper=upper, negative=negative)
     return held._replace(negative=_searched_negatives(weights, held))
 
 
@@ -233,6 +234,9 @@ def _bounded(weights: Weights, held: Intervals, rows: _Rows) -> _Rows:
         known = np.minimum(
             bounds[mine], part @ middle[q] + np.abs(part) @ half[q] + rows.offsets[mine]
         )
+        if held.balls is not None:
+            reach = group_sizes(part, weights.groups[[q] * len(part)]) @ held.balls[q]
+            known = np.minimum(known, reach + rows.offsets[mine])
         values = part @ weights.controls[q].T
         top = values.max(axis=1)
         hull = top + held.negative[q] * (top - values.min(axis=1)) + rows.offsets[mine]

@@ -69,7 +69,9 @@ class _Words(NamedTuple):
     scores: NDArray[np.float64]
 
 
-def gripenberg(letters: Letters, exact: NDArray[np.float64] | None = None) -> Found:
+def gripenberg(
+    letters: Letters, exact: NDArray[np.float64] | None = None, budget: int = BUDGET
+) -> Found:
     """Bound the joint spectral radius: branch over words, drop those that cannot matter.
 
     A word is dropped once some prefix has a mean norm ‖A_v‖^(1/|v|) of at most lower + GAP. Every
@@ -82,8 +84,10 @@ def gripenberg(letters: Letters, exact: NDArray[np.float64] | None = None) -> Fo
         The matrices, in coordinates whose norm suits them.
     exact
         The matrices (t, n, n) as they are: with them a word that does not shrink ends the search.
+    budget
+        How many products of 3×3 matrices may be formed to come to an answer; of larger ones fewer.
     """
-    cost = max(1.0, letters.matrices.shape[1] / 3) ** 2
+    cost = max(1.0, letters.matrices.shape[1] / 3)
     lower, upper, settled, formed = 0.0, np.inf, 0.0, 0.0
     best: tuple[int, ...] = (0,)
     words: _Words | None = None
@@ -99,7 +103,7 @@ def gripenberg(letters: Letters, exact: NDArray[np.float64] | None = None) -> Fo
         dropped = words.scores <= lower + GAP
         settled = max(settled, words.scores[dropped].max(initial=0.0))
         words = _chosen(words, ~dropped)
-        allowed = REFINEMENT if upper < 1 - MARGIN else BUDGET
+        allowed = REFINEMENT if upper < 1 - MARGIN else budget
         more = cost * len(words.scores) * len(letters.matrices)
         if formed + more > allowed or words.letters.shape[1] == LONGEST:
             break

@@ -14,6 +14,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.cell_body import filled, thinnest
+from porous.models.cell_bulk import fanned
 from porous.models.cell_mesh import hung
 from porous.models.cell_surface import cell_boundary
 from porous.models.cell_system import CellSystem
@@ -117,27 +118,35 @@ class SweptBody(CellSystem):
 
 def swept(system: CellSystem, sweep: Sweep) -> Simplices:
     """Return balls at vertices, beams along edges and diagonals, and plates on faces."""
-    used = _used_parts(system)
-    points = np.concatenate([p.vertices for p in used if p.shape == "vertex"]).ravel()
-    beams, plates = np.zeros((0, 2), np.int64), np.zeros((0, 3, 3))
-    if "vertices" not in sweep.along:
-        points = points[:0]
+    used, places = _used_parts(system), system.places[0]
+    vertices, beams = [np.zeros(0, np.int64)], [np.zeros((0, 2), np.int64)]
+    plates = [np.zeros((0, 3, 3))]
     for part in used:
+        if "vertices" in sweep.along and part.shape == "vertex":
+            vertices.append(part.vertices.ravel())
         if "edges" in sweep.along and part.shape == "edge":
-            beams = np.concatenate([beams, part.vertices])
+            beams.append(part.vertices)
         for name in ("face-diagonals", "body-diagonals"):
             if name in sweep.along and DIMENSIONS[name] == part.dimension:
                 pairs = np.array(DIAGONALS.get(part.shape, ()), np.int64).reshape(-1, 2)
-                beams = np.concatenate([beams, part.vertices[:, pairs].reshape(-1, 2)])
+                beams.append(part.vertices[:, pairs].reshape(-1, 2))
         if "faces" in sweep.along and part.shape in RIMS:
-            plates = np.concatenate([plates, _fan(system.nodes.points, part)])
-    balls = np.column_stack([system.nodes.points[points], np.full(len(points), sweep.radius)])
+            plates.append(fanned(places[part.vertices[:, RIMS[part.shape]]]))
+    return _body(
+        places[np.concatenate(vertices)],
+        places[np.concatenate(beams)],
+        np.concatenate(plates),
+        sweep.radius,
+    )
+
+
+def _body(points: Floats, beams: Floats, plates: Floats, radius: float) -> Simplices:
     return Simplices(
-        balls=balls,
-        capsules=system.nodes.points[beams],
-        capsule_radii=np.full(len(beams), sweep.radius),
+        balls=np.column_stack([points, np.full(len(points), radius)]),
+        capsules=beams,
+        capsule_radii=np.full(len(beams), radius),
         plates=plates,
-        plate_radii=np.full(len(plates), sweep.radius),
+        plate_radii=np.full(len(plates), radius),
     )
 
 
@@ -154,8 +163,7 @@ def _used_parts(system: CellSystem) -> list[_Parts]:
     brep = system.brep
     found: dict[int, dict[str, list[Indices]]] = {}
     result = []
-    for group, placed in zip(system.complex.cells, system.nodes.groups, strict=True):
-        vertices = placed.corners
+    for group, vertices in zip(system.complex.cells, system.places[1], strict=True):
         state = brep.states[group.state]
         place = {k: i for i, k in enumerate(brep.of_dimension(group.state, 0))}
         for k, boundary in enumerate(state.boundaries):
@@ -178,12 +186,6 @@ def _used_parts(system: CellSystem) -> list[_Parts]:
         vertices = np.concatenate(known["vertices"])[first]
         result.append(_Parts(shape, brep.states[index].dimension, vertices))
     return result
-
-
-def _fan(nodes: Floats, part: _Parts) -> Floats:
-    from porous.models.cell_bulk import fanned
-
-    return fanned(nodes[part.vertices[:, RIMS[part.shape]]])
 
 
 def contacts(system: CellSystem) -> tuple[Indices, Indices]:

@@ -16,6 +16,7 @@ from porous.models.adapted import (
     EPSILON,
     System,
     Turned,
+    block_norms,
     growth,
     in_coordinates,
     least_fixed_point,
@@ -34,11 +35,17 @@ if TYPE_CHECKING:
 RATIOS = (0.9, 0.99, 0.999, 0.9999, 0.999999)
 """To which ratio the maps must contract for intervals to be found; tried in this order."""
 
-MOST_WORDS = 4_000
+MOST_WORDS = 10_000
 """Words are made longer until intervals are found, as long as there are no more of them."""
 
 MOST_SKEW = 1e3
 """Positions serve as coordinates where they are no closer to dependent than this."""
+
+SLACK = 1e-9
+"""By which part of their size balls are blown up against rounding."""
+
+SMALL = 1e-9
+"""Positions are independent of what they depend on by less than this part."""
 
 RIDGE = 1e-9
 """Which part of the largest variance counts as none."""
@@ -73,7 +80,7 @@ class Weights(NamedTuple):
     ``doubts`` (t, n) bound the errors of the shifts; ``centres`` and ``bases`` are the states' c
     and Y⁻¹, ``widths`` their dimensions. Per state, ``controls`` are y of the controls, ``drawn``
     of those that are drawn, ``points`` of some points of the limit. ``signed`` tells whether any
-    weight is negative.
+    weight is negative. Coordinates of one of the ``groups`` (s, n) are measured by |y|₂.
     """
 
     system: System
@@ -85,6 +92,7 @@ class Weights(NamedTuple):
     drawn: list[NDArray[np.float64]]
     points: list[NDArray[np.float64]]
     signed: bool
+    groups: NDArray[np.int64]
 
     @property
     def widths(self) -> NDArray[np.int64]:
@@ -93,11 +101,15 @@ class Weights(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """Bounds (s, n) on all y, and on the sum of weights that are negative, (s,)."""
+    """Bounds (s, n) on all y, and on the sum of weights that are negative, (s,).
+
+    ``balls`` (s, g), where known, bound |y|₂ of each group of coordinates.
+    """
 
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     negative: NDArray[np.float64]
+    balls: NDArray[np.float64] | None = None
 
 
 def endless(
@@ -157,7 +169,7 @@ def weights_of(part: Endless) -> Weights:
     ]
     signed = any((W < 0).any() for W in (*part.matrices, *part.drawn))
     known = centres, found.bases, turn[0], turn[1]
-    weights = Weights(found.system, shifts, doubts, *known, [], signed)
+    weights = Weights(found.system, shifts, doubts, *known, [], signed, found.groups)
     return weights._replace(points=_limit_points(weights))
 
 
@@ -168,19 +180,68 @@ def _upright(part: Endless, found: Turned, moved: NDArray[np.float64]) -> Turned
     linear in later ones on average (the least squares of the limit's measure).
     """
     Y = found.coordinates.copy()
-    for q, controls in enumerate(part.controls):
-        last = slice(max(0, len(controls.T) - 4), len(controls.T) - 1)
-        seen = _seen(controls, found.bases[q])[:, last]
-        size = np.linalg.norm(seen, axis=1, keepdims=True)
-        free = size.min() > 1e-9 * np.abs(controls).max() and seen.shape == (3, 3)
-        if free and np.linalg.cond(seen / size) < MOST_SKEW:
-            Y[q, last] = seen / size @ Y[q, last]
-    placed = in_coordinates(found.original, Y, found.groups)
-    C = _moments(placed, np.einsum("tij,tj->ti", Y[found.system.sources], moved))
+    seen = [_seen(controls, X) for controls, X in zip(part.controls, found.bases, strict=True)]
+    placed = _reproduced(found.system, seen)
+    for q, width in enumerate(found.original.widths):
+        place = _ending(seen[q][:, :width]) if placed else _last(seen[q][:, :width])
+        Y[q, :width] = place @ Y[q, :width]
+    first = in_coordinates(found.original, Y, _singles(found))
+    C = _moments(first, np.einsum("tij,tj->ti", Y[found.system.sources], moved))
     for q, width in enumerate(found.original.widths):
         Y[q, :width] = _decorrelation(C[q, :width, :width]) @ Y[q, :width]
-    upright = in_coordinates(found.original, Y, found.groups)
+    upright = in_coordinates(found.original, Y, _singles(found))
     return found if _contraction(upright.system) is None else upright
+
+
+def _singles(found: Turned) -> NDArray[np.int64]:
+    """Return every coordinate as a group of its own."""
+    numbers = np.arange(found.groups.shape[1])
+    return np.where(found.groups < 0, -1, numbers)
+
+
+def _reproduced(system: System, seen: list[NDArray[np.float64]]) -> bool:
+    """Tell whether positions of children follow from their parents' alone."""
+    for q, r, B in zip(system.sources, system.targets, system.matrices, strict=True):
+        rows = seen[q] @ B
+        F = np.linalg.lstsq(seen[r].T, rows.T, rcond=SMALL)[0].T
+        if np.abs(rows - F @ seen[r]).max() > SMALL * np.abs(seen[q]).max():
+            return False
+    return True
+
+
+def _ending(seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the change to coordinates that end in the positions which are independent.
+
+    They take the places where their echelon form begins, so that the others still depend on later
+    ones alone.
+    """
+    rows, leads, used = seen.copy(), [], []
+    size = max(float(np.abs(seen).max(initial=0.0)), 1e-300)
+    for column in range(seen.shape[1]):
+        left = [k for k in range(3) if k not in used]
+        if not left:
+            break
+        k = max(left, key=lambda k: abs(rows[k, column]))
+        if abs(rows[k, column]) > SMALL * size:
+            leads.append(column)
+            used.append(k)
+            for other in left:
+                if other != k:
+                    rows[other] -= rows[k] * rows[other, column] / rows[k, column]
+    others = np.delete(np.eye(seen.shape[1]), leads, axis=0)
+    ends = seen[sorted(used)]
+    return np.vstack([others, ends / np.linalg.norm(ends, axis=1, keepdims=True)])
+
+
+def _last(seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the change of the last three coordinates to the positions' dependence on them."""
+    change = np.eye(seen.shape[1])
+    last = seen[:, -3:]
+    size = np.linalg.norm(last, axis=1, keepdims=True)
+    free = last.shape == (3, 3) and size.min() > SMALL * np.abs(seen).max()
+    if free and np.linalg.cond(last / size) < MOST_SKEW:
+        change[-3:, -3:] = last / size
+    return change
 
 
 def _contraction(system: System) -> tuple[NDArray[np.float64], float] | None:
@@ -263,17 +324,23 @@ def intervals(weights: Weights) -> Intervals:
 
     Raises ``ModelError`` where none are found.
     """
-    n = weights.shifts.shape[1]
-    words, base = weights, _hulls(weights.drawn, n)
-    found = _kept(words, base)
-    while found is None:
-        fans = np.bincount(weights.system.sources, minlength=len(weights.widths))
-        if not 0 < fans[words.system.targets].sum() <= MOST_WORDS:
-            raise ModelError(REFUSAL)
-        base = _joined(base, words, _hulls(weights.drawn, n))
-        words = _longer_words(words, weights)
+    hulls = _hulls(weights.drawn, weights.shifts.shape[1])
+    fans = np.bincount(weights.system.sources, minlength=len(weights.widths))
+    words, base, balls, ratio = weights, hulls, None, 1.0
+    while True:
         found = _kept(words, base)
-    return Intervals(*found, negatives(weights, *found))
+        if found is not None:
+            return Intervals(*found, negatives(weights, *found))
+        wider = _balls(words, base)
+        if wider is not None and wider[1] < ratio:
+            balls, ratio = wider
+        if ratio <= RATIOS[0] or fans[words.system.targets].sum() > MOST_WORDS:
+            break
+        base = _joined(base, words, hulls)
+        words = _longer_words(words, weights)
+    if balls is None:
+        raise ModelError(REFUSAL)
+    return _shrunk(weights, hulls, balls)
 
 
 def negatives(
@@ -292,6 +359,51 @@ def negatives(
         value = np.append(centre, 1 - centre.sum()) + rows @ middle[q]
         result[q] = np.maximum(np.abs(rows) @ half[q] - value, 0).sum() * (1 + 1e-9)
     return result
+
+
+def _balls(
+    weights: Weights, base: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], float] | None:
+    """Return bounds (s, g) on |y|₂ of the groups of coordinates, and λ, or None.
+
+    R_q = max(base, max_e(|shift_e| + λ_e·R_r)) in the norm max |y_g|/x_g of the groups g.
+    """
+    system, groups = weights.system, weights.groups
+    norms = block_norms(system, groups)
+    for ratio in RATIOS:
+        x = subinvariant(system, norms, ratio)
+        if x is None:
+            continue
+        images = np.einsum("tgh,th->tg", norms, x[system.targets]) / x[system.sources]
+        reach = group_sizes(np.abs(weights.shifts) + weights.doubts, groups[system.sources])
+        steps = (reach / x[system.sources]).max(axis=1) * (1 + 1e-9)
+        first = group_sizes(np.maximum(np.abs(base[0]), np.abs(base[1])), groups) / x
+        shrink = images.max(axis=1)[:, None, None] * (1 + 1e-12)
+        R = least_fixed_point(system, shrink, steps[:, None], first.max(axis=1)[:, None])
+        return None if R is None else (R * (1 + SLACK) * x, float(images.max()))
+    return None
+
+
+def group_sizes(rows: NDArray[np.float64], groups: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return |·|₂ of each group of coordinates, (k, g), of rows (k, n) of states (k, n)."""
+    numbers = np.arange(int(groups.max(initial=0)) + 1)
+    squares = (rows[:, :, None] ** 2 * (groups[:, :, None] == numbers)).sum(axis=1)
+    return np.asarray(np.sqrt(squares))
+
+
+def _shrunk(
+    weights: Weights,
+    base: tuple[NDArray[np.float64], NDArray[np.float64]],
+    balls: NDArray[np.float64],
+) -> Intervals:
+    """Return intervals about balls, cut down to their images as long as that helps."""
+    width = np.take_along_axis(balls, np.maximum(weights.groups, 0), axis=1)
+    upper = np.where(weights.groups < 0, 0.0, width)
+    lower = -upper
+    for _ in range(MOMENTS):
+        known = _joined(base, weights, (lower, upper))
+        lower, upper = np.maximum(lower, known[0]), np.minimum(upper, known[1])
+    return Intervals(lower, upper, negatives(weights, lower, upper), balls)
 
 
 def _hulls(

@@ -178,7 +178,10 @@ def _width(options: Options) -> int:
         wanted = " or ".join(map(str, sizes))
         raise ModelError(f"controls: got {size} for a {options.cell} cell; wanted {wanted}")
     if sizes[0] == size == 8 and options.texture is not None:
-        raise ModelError("texture: a line of two controls is straight; wanted 27 controls")
+        raise ModelError(
+            'texture: a line of two controls is straight; wanted cell = "hex-27", or a beam of 27 '
+            "controls"
+        )
     # Eight corners of a cell of 27 controls say enough of it: the others are midway.
     return 2 if sizes[0] == size == 8 else 3
 
