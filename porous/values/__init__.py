@@ -7,6 +7,7 @@ from porous.values.job import Compression, Job, Material
 from porous.values.measure import Measure, Measures
 from porous.values.pattern import CENTRE, FILL, Pattern
 from porous.values.surface import SurfaceMesh
+from porous.values.tiled import Tiled
 from porous.values.volume_mesh import SHAPES, Block, Part, VolumeMesh
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "Part",
     "Pattern",
     "SurfaceMesh",
+    "Tiled",
     "VolumeMesh",
     "VoxelGrid",
 ]

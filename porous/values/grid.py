@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from porous.values.frame import Frame
 
+    Index = tuple[int, int, int]
+
 SAMPLINGS = ("fill", "centre", "cover")
 
 
@@ -75,6 +77,24 @@ class VoxelGrid(Value):
         """The boolean view: True where at least half of the voxel is solid (fill ≥ 128)."""
         result: NDArray[np.bool_] = self.fill >= 128
         return result
+
+    def block(
+        self, start: Index, stop: Index
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+        """Return views of fill and bulk of the voxels ``start`` … ``stop``, as ``Tiled`` asks.
+
+        Raises
+        ------
+        GridError
+            For a box that is empty or not inside the frame.
+        """
+        if not all(0 <= a < b <= n for a, b, n in zip(start, stop, self.frame.shape, strict=True)):
+            raise GridError(
+                f"block: got voxels {start} … {stop}; wanted a box inside (0, 0, 0) … "
+                f"{self.frame.shape}"
+            )
+        box = tuple(slice(a, b) for a, b in zip(start, stop, strict=True))
+        return self.fill[box], None if self.bulk is None else self.bulk[box]
 
 
 def _bytes(array: object, what: str, frame: Frame) -> NDArray[np.uint8]:
