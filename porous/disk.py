@@ -45,6 +45,52 @@ def write_bytes(path: str | Path, chunks: bytes | Iterable[bytes]) -> None:
         raise DiskError(f"{path}: cannot be written: {_reason(error)}") from None
 
 
+def place(path: str | Path, content: bytes) -> None:
+    """Write one of many files whole, as ``write_bytes`` does, but for the folder's own entry.
+
+    Its bytes are on the platter when it gets its name; that the name is there too ``settle`` sees
+    to, once for all files of a folder. A link of that name is replaced, not followed: what stands
+    in a store is never somewhere else.
+
+    Raises
+    ------
+    DiskError
+        Where the disk refuses; what was there before is untouched and nothing is left behind.
+    """
+    try:
+        _move_in(_name(path), (content,))
+    except OSError as error:
+        raise DiskError(f"{path}: cannot be written: {_reason(error)}") from None
+
+
+def settle(folder: str | Path) -> None:
+    """Put the names of all files of a folder on the platter, where its file system can.
+
+    Raises
+    ------
+    DiskError
+        Where the disk refuses.
+    """
+    with _refusals(Path(folder)):
+        _sync_folder(_name(folder))
+
+
+def sweep(folder: str | Path) -> None:
+    """Remove the temporaries, files and folders, that killed writers have left in a folder.
+
+    Raises
+    ------
+    DiskError
+        Where the folder cannot be listed, or one of them cannot be removed.
+    """
+    with _refusals(Path(folder)):
+        for left in list(_name(folder).glob(f"{TEMPORARY}*")):
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left)
+            else:
+                left.unlink(missing_ok=True)
+
+
 def make_folder(path: str | Path) -> Path:
     """Create a folder and its parents where they are missing; return its path.
 
@@ -151,13 +197,17 @@ def _name(path: str | Path) -> Path:
 
 
 def _put(target: Path, pieces: Iterable[bytes]) -> None:
+    _move_in(target, pieces)
+    _sync_folder(target.parent)
+
+
+def _move_in(target: Path, pieces: Iterable[bytes]) -> None:
     temporary = target.parent / f"{TEMPORARY}{secrets.token_hex(8)}"
     placed = False
     try:
         _fill(temporary, pieces)
         temporary.replace(target)
         placed = True
-        _sync_folder(target.parent)
     finally:
         # Whatever ended the writing, Ctrl-C too: what is not in its place is nowhere.
         if not placed:
