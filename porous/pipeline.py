@@ -149,6 +149,14 @@ def _no_cells(recipe: Recipe, model: Model) -> str:
     )
 
 
+def _told(what: str, before: SurfaceMesh, after: SurfaceMesh) -> str:
+    """Return a note on a step that altered a surface and kept its topology."""
+    return (
+        f"surface {what}: volume {before.volume:.6g} → {after.volume:.6g} {after.unit}³, area "
+        f"{before.area:.6g} → {after.area:.6g} {after.unit}²; closed, of the same topology"
+    )
+
+
 def _with_sides(mesh: VolumeMesh) -> VolumeMesh:
     """Return a mesh of cells with parts for the sides of its box, where it names no sides.
 
@@ -210,7 +218,8 @@ class _Work:
         from porous.stages import extract_surface
 
         method = self.recipe.surface.method
-        if method in ("auto", "exact"):
+        # Steps to smooth are those of voxels.
+        if method == "exact" or (method == "auto" and not self.recipe.surface.smooth):
             self._exact_surface(required=method == "exact")
         if self.surface is None:
             method = "marching-cubes" if method == "auto" else method
@@ -218,6 +227,29 @@ class _Work:
             self.surface = self._timed(
                 "surface", lambda progress: extract_surface(grid, method=method, progress=progress)
             )
+        self._alter_surface()
+
+    def _alter_surface(self) -> None:
+        from porous.stages import simplify, smooth
+
+        how, made = self.recipe.surface, self.surface
+        assert made is not None
+        if how.smooth:
+            self.surface = self._timed(
+                "smooth", lambda report: smooth(made, iterations=how.smooth, progress=report)
+            )
+            self.notes.append(_told(f"smoothed in {how.smooth} steps", made, self.surface))
+        smoothed = self.surface
+        assert smoothed is not None
+        if how.simplify < 1:
+            self.surface = self._timed(
+                "simplify", lambda report: simplify(smoothed, keep=how.simplify, progress=report)
+            )
+            share = len(self.surface.triangles) / len(smoothed.triangles)
+            what = f"simplified to {share:.2%} of its triangles"
+            if share > 1.01 * how.simplify:
+                what += ", for fewer would not keep its topology and volume"
+            self.notes.append(_told(what, smoothed, self.surface))
 
     def _exact_surface(self, *, required: bool) -> None:
         from porous.models.model import HasBoundary
@@ -277,6 +309,8 @@ class _Work:
             self.extract_surface()
         surface, how = self.surface, self.recipe.volume
         assert surface is not None
+        if any(surface.altered):
+            self._solid_grid()  # says how far off a mesh of it may be
         count = len(surface.triangles)
         if not required and count > TETWILD_TRIANGLES:
             self.notes.append(
@@ -326,7 +360,9 @@ class _Work:
         # What the surface and the mesh were made from says how far off their numbers may be.
         of_model, of_grid = {"model": self.model}, {"model": self.model, "grid": self.grid}
         of_surface = of_model if self.is_exact else of_grid
-        of_volume = {"cells": of_model, "surface": of_surface, "grid": of_grid}
+        altered = self.surface is not None and any(self.surface.altered)
+        of_filled = of_grid if altered else of_surface
+        of_volume = {"cells": of_model, "surface": of_filled, "grid": of_grid}
         tasks = [
             (subject, source)
             for subject, source in (

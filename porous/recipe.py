@@ -110,11 +110,25 @@ class VoxelsSection(Section):
 
 
 class SurfaceSection(Section):
-    """Where the surface comes from."""
+    """Where the surface comes from, and what is done to it: first smoothed, then simplified."""
 
     method: Literal["auto", "exact", "marching-cubes", "voxel-faces", "lewiner"] = Field(
         default="auto", description='"auto", "exact", "marching-cubes", "voxel-faces" or "lewiner"'
     )
+    smooth: int = Field(
+        default=0, ge=0, le=1000, description="a number of smoothing steps, from 0 to 1000"
+    )
+    simplify: float = Field(
+        default=1.0, gt=0, le=1, description="the share of triangles to keep, above 0 up to 1"
+    )
+
+    @model_validator(mode="after")
+    def _has_steps(self) -> SurfaceSection:
+        if self.smooth and self.method == "exact":
+            raise ValueError(
+                'smooth: an exact boundary has no steps to smooth; wanted method = "marching-cubes"'
+            )
+        return self
 
 
 class VolumeSection(Section):

@@ -65,7 +65,8 @@ def measure(
     Returns
     -------
     Measures
-        A surface and a mesh that came from neither are taken for the body itself.
+        A surface and a mesh that came from neither are taken for the body itself, but for what
+        simplification and smoothing have changed.
 
     Raises
     ------
@@ -96,7 +97,8 @@ def _surface_rows(
     check_closed(surface)
     periodic = (False, False, False) if grid is None else grid.frame.periodic
     if grid is None:
-        census = SurfaceCensus(surface, method="triangles" if model is None else EXACT)
+        is_body = model is not None and not any(surface.altered)
+        census = SurfaceCensus(surface, method=EXACT if is_body else "triangles")
     else:
         doubts = surface_doubt(Census(grid), surface)
         census = SurfaceCensus(
@@ -105,7 +107,7 @@ def _surface_rows(
     rows = {name: row(census) for (name, _), row in SURFACE.items()}
     if grid is not None and grid.bulk is not None and isinstance(model, HasBulk):
         del rows["interface_area"]  # the sides of a curved bulk are no sides of the frame
-    if census.method == EXACT and model is not None:
+    if grid is None and model is not None:
         rows = _by_convention(rows, model)
     yield from _told(rows, periodic)
     bulk = _bulk_volume(model, grid)

@@ -73,6 +73,10 @@ class SurfaceCensus:
         sides = np.linalg.norm(surface.corners - np.roll(surface.corners, 1, axis=1), axis=2)
         rounding = ROUNDING * len(self.areas) ** 0.5 * area
         # A triangle whose corners move by d changes by no more than half its girth times d.
+        volume_doubt, area_doubt = (
+            volume_doubt + surface.altered[0],
+            area_doubt + surface.altered[1],
+        )
         self.area_doubt = area_doubt + rounding + moved * float(sides.sum()) / 2
         self.volume_doubt = volume_doubt + (ROUNDING * size + moved) * area
 

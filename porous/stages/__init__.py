@@ -5,6 +5,8 @@ from porous.stages._extract_surface import extract_surface
 from porous.stages._hexahedralize import hexahedralize
 from porous.stages._mesh_cells import mesh_cells
 from porous.stages._name_parts import name_parts
+from porous.stages._simplify import simplify
+from porous.stages._smooth import smooth
 from porous.stages._tetrahedralize import tetrahedralize
 from porous.stages._voxelize import voxelize
 
@@ -14,6 +16,8 @@ __all__ = [
     "hexahedralize",
     "mesh_cells",
     "name_parts",
+    "simplify",
+    "smooth",
     "tetrahedralize",
     "voxelize",
 ]

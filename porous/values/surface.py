@@ -33,11 +33,16 @@ class SurfaceMesh(Value):
     names
         Names of the parts: ``("WALL", "XMIN", …)``. Caps of periodic or open grids carry the name
         of the face they close; ``interface_area`` leaves them out.
+    altered
+        By how much simplification and smoothing have changed volume and area since the surface was
+        made, in ``unit`` cubed and squared: measures add it to their uncertainties. Files do not
+        hold it.
 
     Raises
     ------
     MeshError
-        For NaN points or indices out of range. Whether the surface is closed is not asked here.
+        For NaN points, indices out of range, negative or infinite ``altered``. Whether the surface
+        is closed is not asked here.
     """
 
     points: NDArray[np.float64] = field(repr=False)
@@ -45,6 +50,7 @@ class SurfaceMesh(Value):
     unit: str = "mm"
     labels: NDArray[np.int16] | None = field(default=None, repr=False)
     names: tuple[str, ...] = ("WALL",)
+    altered: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         self._set("points", frozen(self.points, np.float64))
@@ -55,6 +61,12 @@ class SurfaceMesh(Value):
         labels = np.zeros(len(self.triangles), np.int16) if self.labels is None else self.labels
         self._set("labels", frozen_whole(labels, np.int16, "labels", MeshError))
         self._set("names", tuple(self.names))
+        volume, area = map(float, self.altered)
+        if not (0 <= volume < np.inf and 0 <= area < np.inf):
+            raise MeshError(
+                f"altered: got {self.altered}; wanted a volume and an area, not below 0"
+            )
+        self._set("altered", (volume, area))
         self._check_labels()
 
     def _check_labels(self) -> None:
