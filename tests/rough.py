@@ -1,4 +1,4 @@
-"""Subdivision rules of curves and their tensor products, for tests: bcifs of few lines."""
+"""Subdivision rules of curves, their tensor products and tetrahedra with octahedra, for tests."""
 
 import itertools
 

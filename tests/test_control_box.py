@@ -85,6 +85,19 @@ def test_texture_without_bend_draws_the_regular_body(texture):
     assert box.upper == pytest.approx((1, 1, 1), abs=1e-5)
 
 
+def test_transient_levels_of_an_uneven_body_keep_the_cube():
+    threes = sponge(rough((0.4, 0.4), (0.2, 0.2, 0.2)))
+    kept = [(0, 0, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (1, 1, 1)]
+    twos = sponge(rough((0.4,), (0.2, 0.4)), kept)
+    state = threes.states[0]
+    moves = [Transition(0, 1, t.matrix) for t in threes.transitions]
+    moves += [Transition(1, 1, t.matrix) for t in twos.transitions]
+    automaton = Automaton((state, state), tuple(moves))
+    box = control_box(automaton, tolerance=1e-3, drawn={0: corners(27), 1: corners(27)})
+    assert box.lower == pytest.approx((0, 0, 0), abs=1e-5)
+    assert box.upper == pytest.approx((1, 1, 1), abs=1e-5)
+
+
 @pytest.mark.parametrize(
     "rules", [BEZIER, rough(HEIGHTS, (0.3, 0.3, 0.3)), rough(HEIGHTS, (0.45, -0.4, 0.45))]
 )
@@ -208,6 +221,23 @@ def test_rotating_weights_need_longer_words():
     assert_holds(box, (least, most))
     assert np.max(np.array(box.upper) - most) < 0.02
     assert np.max(least - np.array(box.lower)) < 0.02
+
+
+@settings(deadline=None, derandomize=True, max_examples=20)
+@given(seed=st.integers(0, 10**6), amount=st.floats(0.01, 0.06))
+def test_rules_without_common_subspaces_are_held_by_ellipsoids(seed, amount):
+    rng = np.random.default_rng(seed)
+    regular = sponge(straight(2), bend=bent(8, seed))
+    moves = []
+    for t in regular.transitions[:5]:
+        noise = rng.normal(size=(8, 8)) * amount
+        moves.append(Transition(0, 0, t.matrix + noise - noise.mean(axis=0)))
+    automaton = Automaton(regular.states, tuple(moves))
+    box = control_box(automaton, tolerance=1e-2)
+    least, most = reach(automaton, 5, {})
+    assert_holds(box, (least, most))
+    # Cells of the fifth level are small; the box may be looser than asked for, not wild.
+    assert (np.array(box.lengths) <= 1.3 * (most - least) + 0.05).all()
 
 
 def test_what_does_not_shrink_is_refused():

@@ -275,11 +275,14 @@ def _moments(found: Turned, shifts: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _decorrelation(C: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a unit upper triangle U such that U·C·Uᵀ is nearly diagonal."""
+    """Return a unit upper triangle U such that U·C·Uᵀ is nearly diagonal.
+
+    The last three coordinates, the positions, are left as they are.
+    """
     U = np.eye(len(C))
     # What does not vary says nothing: the ridge keeps it out.
     ridged = C + RIDGE * max(float(np.diag(C).max(initial=0.0)), 1e-300) * np.eye(len(C))
-    for i in range(len(C) - 1):
+    for i in range(len(C) - 3):
         U[i, i + 1 :] = -np.linalg.solve(ridged[i + 1 :, i + 1 :], C[i + 1 :, i])
     return U
 
