@@ -91,7 +91,7 @@ def contestants(fill):
         return len(extract_surface(grid).triangles)
 
     def kernel():
-        return len(marching_cubes(grid.fill, origin=(0, 0, 0), spacing=(1, 1, 1))[1])
+        return len(marching_cubes(grid.fill, grid.frame)[1])
 
     return {
         "porous kernel": (kernel, 7),

@@ -54,15 +54,32 @@ CASES = """
 TUNNELS = (126, 189, 219, 231)
 """Two opposite void corners, joined through the cube."""
 
-COUNTS = np.array([0 if case == "-" else len(case) // 3 for case in CASES], dtype=np.int8)
+COUNTS = np.array([0 if case == "-" else len(case) // 3 for case in CASES], dtype=np.uint8)
 """Triangles of each case, shape (256,)."""
 
-TRIANGLES = np.zeros((256, 18), dtype=np.int8)
+TRIANGLES = np.zeros((256, 18), dtype=np.uint8)
 """Edges of the triangles of each case, three after three."""
 
 for _row, _case in zip(TRIANGLES, CASES, strict=True):
     _edges = [int(digit, 16) for digit in _case if digit != "-"]
     _row[: len(_edges)] = _edges
 
-COUNTS.flags.writeable = False
-TRIANGLES.flags.writeable = False
+LOWER = (0, 2, 4, 6, 8, 9, 10, 11)
+"""Of the eight grid lines along a row of cubes, the edge that comes first in each cube: two lines
+along which edges lie across the row in x, two in y, four along the row itself."""
+LOWER_ENDS = ((0, 4), (2, 6), (0, 2), (4, 6), (0, 1), (2, 3), (4, 5), (6, 7))
+"""The corners that those edges join."""
+
+STEPS = np.array(
+    [[(case >> a ^ case >> b) & 1 for a, b in LOWER_ENDS] for case in range(256)], dtype=np.int64
+)
+"""By how many vertices a cube of each case advances on each of the eight lines, (256, 8)."""
+
+_SLOTS = np.array([0, 8, 1, 9, 2, 10, 3, 11, 4, 5, 6, 7], dtype=np.uint8)
+
+SLOTS = _SLOTS[TRIANGLES]
+"""``TRIANGLES`` with edges counted otherwise: slot n is the next vertex on line n before the cube,
+slot 8 + n that after it, where the cube's upper edge lies."""
+
+for _table in (COUNTS, TRIANGLES, STEPS, SLOTS):
+    _table.flags.writeable = False

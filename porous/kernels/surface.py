@@ -2,23 +2,27 @@
 
 The order of work is that of flying edges (Schroeder, Maynard and Geveci 2015): count what each row
 of cubes will give, sum the counts, and let every row write its own vertices and triangles where
-they belong. So the result does not depend on how rows are dealt out to threads.
+they belong. So the result depends neither on how rows are dealt out to threads, nor on whether a
+lattice is worked on whole or slab by slab: seams are welded because both sides count alike.
 
-Rows run along z. The grid is padded by one void voxel on every side, virtually: row (i, j) of bits
-is that of voxels (i − 1, j − 1), and bit k that of voxel k − 1. Cube (i, j, k) has the padded
+Rows run along z. The lattice is padded by one void voxel on every side, virtually: row (i, j) of
+bits is that of voxels (i − 1, j − 1), and bit k that of voxel k − 1. Cube (i, j, k) has the padded
 voxels (i … i + 1, j … j + 1, k … k + 1) as corners; vertices on the three grid edges from (i, j, k)
-upwards belong to row (i, j), which lists those along x first, then y, then z.
+upwards belong to row (i, j), which lists those along x first, then y, then z. What is written is
+more than any cache holds: it goes past them to memory.
 """
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
-from numba import uint64
+from numba import int64, uint64
+from numba.np import arrayobj
 
-from porous.kernels._cases import COUNTS, TRIANGLES
+from porous.kernels._cases import COUNTS, SLOTS, STEPS, TRIANGLES
 from porous.kernels._shared import kernel, slabs, source
 from porous.memory import check_memory
 
@@ -27,10 +31,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.values import Frame
+
 LEVEL = 127.5
 """Iso level: no uint8 ever equals it, so vertices keep off the corners by 1/256 of an edge."""
 
 _VOXELS_PER_SLAB = 1 << 20
+
+_COUNTS, _TRIANGLES = source(COUNTS, np.uint8), source(TRIANGLES, np.uint8)
+_SLOTS, _STEPS = source(SLOTS, np.uint8), source(STEPS, np.int64)
 
 
 @numba.extending.intrinsic
@@ -54,9 +63,36 @@ def _lowest_bit(_typing, word):
     return word(word), generate
 
 
+@numba.extending.intrinsic
+def _put(_typing, array, index, value):
+    """Write an entry of a contiguous array past the caches: they need not read it first."""
+
+    def generate(context, builder, signature, arguments):
+        target, _, content = signature.args
+        data = arrayobj.make_array(target)(context, builder, arguments[0]).data
+        wanted = context.cast(builder, arguments[2], content, target.dtype)
+        store = builder.store(wanted, builder.gep(data, [arguments[1]]))
+        yes = builder.module.add_metadata([context.get_constant(numba.int32, 1)])
+        store.set_metadata("nontemporal", yes)
+        return context.get_dummy_value()
+
+    return numba.void(array, index, value), generate
+
+
+@numba.extending.intrinsic
+def _all_is_put(_typing):
+    """Wait until what was put past the caches can be seen by other threads."""
+
+    def generate(context, builder, _signature, _arguments):
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return numba.void(), generate
+
+
 @kernel
-def _pack(fill, bits, first, last):
-    """Set bit k + 1 of row (i + 1, j + 1) where fill[i, j, k] is solid, for planes first … last."""
+def _pack(fill, bits, above, first, last):
+    """Set bit k + 1 of row (i + above, j + 1) where fill[i, j, k] is solid; first ≤ i < last."""
     ny, nz = fill.shape[1], fill.shape[2]
     words = bits.shape[2]
     for i in range(first, last):
@@ -72,225 +108,331 @@ def _pack(fill, bits, first, last):
                 else:
                     for k in range(max(low, 0), min(low + 64, nz)):
                         word |= uint64(row[k] >> 7) << uint64(k - low)
-                bits[i + 1, j + 1, w] = word
+                bits[i + above, j + 1, w] = word
 
 
 @kernel
 def _count(bits, counts_of_case, vertices, faces, first, last):
-    """Count the vertices along x, y, z and the triangles of each row of cubes."""
-    rows = faces.shape[1]
+    """Count the vertices along x, y, z and the triangles of rows first … last − 1 of cubes."""
+    columns = bits.shape[1] - 1
     words = bits.shape[2]
     one = uint64(1)
-    for i in range(first, last):
-        for j in range(rows):
-            a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
-            along_x = along_y = along_z = uint64(0)
-            triangles = 0
-            for w in range(words):
-                a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
-                a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
-                if w + 1 < words:
-                    a1 |= a[w + 1] << uint64(63)
-                    b1 |= b[w + 1] << uint64(63)
-                    c1 |= c[w + 1] << uint64(63)
-                    d1 |= d[w + 1] << uint64(63)
-                some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
-                every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
-                active = some & ~every
-                if active == 0:
-                    continue
-                along_x += _bits_set(a0 ^ c0)
-                along_y += _bits_set(a0 ^ b0)
-                along_z += _bits_set(a0 ^ a1)
-                while active != 0:
-                    k = _lowest_bit(active)
-                    active &= active - one
-                    case = (
-                        ((a0 >> k) & one)
-                        | ((a1 >> k) & one) << one
-                        | ((b0 >> k) & one) << uint64(2)
-                        | ((b1 >> k) & one) << uint64(3)
-                        | ((c0 >> k) & one) << uint64(4)
-                        | ((c1 >> k) & one) << uint64(5)
-                        | ((d0 >> k) & one) << uint64(6)
-                        | ((d1 >> k) & one) << uint64(7)
-                    )
-                    triangles += counts_of_case[case]
-            vertices[i, j, 0] = along_x
-            vertices[i, j, 1] = along_y
-            vertices[i, j, 2] = along_z
-            faces[i, j] = triangles
+    for row in range(first, last):
+        i, j = row // columns, row % columns
+        a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
+        along_x = along_y = along_z = uint64(0)
+        triangles = 0
+        for w in range(words):
+            a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
+            a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
+            if w + 1 < words:
+                a1 |= a[w + 1] << uint64(63)
+                b1 |= b[w + 1] << uint64(63)
+                c1 |= c[w + 1] << uint64(63)
+                d1 |= d[w + 1] << uint64(63)
+            some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
+            every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
+            active = some & ~every
+            if active == 0:
+                continue
+            along_x += _bits_set(a0 ^ c0)
+            along_y += _bits_set(a0 ^ b0)
+            along_z += _bits_set(a0 ^ a1)
+            while active != 0:
+                k = _lowest_bit(active)
+                active &= active - one
+                case = ((a0 >> k) & one) | ((a1 >> k) & one) << one
+                case |= ((b0 >> k) & one) << uint64(2) | ((b1 >> k) & one) << uint64(3)
+                case |= ((c0 >> k) & one) << uint64(4) | ((c1 >> k) & one) << uint64(5)
+                case |= ((d0 >> k) & one) << uint64(6) | ((d1 >> k) & one) << uint64(7)
+                triangles += counts_of_case[case]
+        vertices[i, j, 0] = along_x
+        vertices[i, j, 1] = along_y
+        vertices[i, j, 2] = along_z
+        faces[row] = triangles
 
 
 @kernel
-def _vertices(fill, bits, base, place, points, first, last):
-    """Write the points of each row: place holds origin, spacing and the first voxel's index."""
-    nx, ny, nz = fill.shape
-    words = bits.shape[2]
-    one = uint64(1)
-    for i in range(first, last):
-        for j in range(ny + 1):
-            a, b, c = bits[i, j], bits[i, j + 1], bits[i + 1, j]
-            x, y, z = base[i, j, 0], base[i, j, 1], base[i, j, 2]
-            px = place[0] + (place[6] + (i - 0.5)) * place[3]
-            py = place[1] + (place[7] + (j - 0.5)) * place[4]
-            for w in range(words):
-                a0 = a[w]
-                a1 = a0 >> one
-                if w + 1 < words:
-                    a1 |= a[w + 1] << uint64(63)
-                cut_x, cut_y, cut_z = a0 ^ c[w], a0 ^ b[w], a0 ^ a1
-                cut = cut_x | cut_y | cut_z
-                while cut != 0:
-                    bit = _lowest_bit(cut)
-                    cut &= cut - one
-                    k = 64 * w + int(bit)
-                    here = float(fill[i - 1, j - 1, k - 1]) if i and j and k else 0.0
-                    pz = place[2] + (place[8] + (k - 0.5)) * place[5]
-                    if (cut_x >> bit) & one:
-                        there = float(fill[i, j - 1, k - 1]) if i < nx and j and k else 0.0
-                        t = (LEVEL - here) / (there - here)
-                        points[x, 0] = place[0] + (place[6] + (i - 0.5 + t)) * place[3]
-                        points[x, 1] = py
-                        points[x, 2] = pz
-                        x += 1
-                    if (cut_y >> bit) & one:
-                        there = float(fill[i - 1, j, k - 1]) if i and j < ny and k else 0.0
-                        t = (LEVEL - here) / (there - here)
-                        points[y, 0] = px
-                        points[y, 1] = place[1] + (place[7] + (j - 0.5 + t)) * place[4]
-                        points[y, 2] = pz
-                        y += 1
-                    if (cut_z >> bit) & one:
-                        there = float(fill[i - 1, j - 1, k]) if i and j and k < nz else 0.0
-                        t = (LEVEL - here) / (there - here)
-                        points[z, 0] = px
-                        points[z, 1] = py
-                        points[z, 2] = place[2] + (place[8] + (k - 0.5 + t)) * place[5]
-                        z += 1
+def _vertices(fill, void, bits, above, base, place, entries, first, last):
+    """Write the points of rows first … last − 1, three ``entries`` each.
 
-
-@kernel
-def _triangles(bits, base, offset, table, counts_of_case, ids, triangles, first, last):
-    """Write the triangles of each row of cubes; ``ids`` is scratch for the twelve edges."""
-    rows = offset.shape[1] - 1
-    words = bits.shape[2]
-    one = uint64(1)
-    for i in range(first, last):
-        for j in range(rows):
-            a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
-            # Next vertex of each of the eight grid lines that edges of this row of cubes lie on:
-            # advanced at active cubes only, for a cut edge makes its cubes active.
-            x0, x1 = base[i, j, 0], base[i, j + 1, 0]
-            y0, y1 = base[i, j, 1], base[i + 1, j, 1]
-            z0, z1 = base[i, j, 2], base[i, j + 1, 2]
-            z2, z3 = base[i + 1, j, 2], base[i + 1, j + 1, 2]
-            n = uint64(offset[i, j])
-            for w in range(words):
-                a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
-                a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
-                if w + 1 < words:
-                    a1 |= a[w + 1] << uint64(63)
-                    b1 |= b[w + 1] << uint64(63)
-                    c1 |= c[w + 1] << uint64(63)
-                    d1 |= d[w + 1] << uint64(63)
-                some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
-                every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
-                active = some & ~every
-                while active != 0:
-                    k = _lowest_bit(active)
-                    active &= active - one
-                    ka, kb, kc, kd = (
-                        (a0 >> k) & one,
-                        (b0 >> k) & one,
-                        (c0 >> k) & one,
-                        (d0 >> k) & one,
-                    )
-                    la, lb, lc, ld = (
-                        (a1 >> k) & one,
-                        (b1 >> k) & one,
-                        (c1 >> k) & one,
-                        (d1 >> k) & one,
-                    )
-                    case = ka | la << one | kb << uint64(2) | lb << uint64(3)
-                    case |= kc << uint64(4) | lc << uint64(5) | kd << uint64(6) | ld << uint64(7)
-                    ids[0], ids[2], ids[4], ids[6] = x0, x1, y0, y1
-                    ids[8], ids[9], ids[10], ids[11] = z0, z1, z2, z3
-                    x0 += int(ka ^ kc)
-                    x1 += int(kb ^ kd)
-                    y0 += int(ka ^ kb)
-                    y1 += int(kc ^ kd)
-                    z0 += int(ka ^ la)
-                    z1 += int(kb ^ lb)
-                    z2 += int(kc ^ lc)
-                    z3 += int(kd ^ ld)
-                    ids[1], ids[3], ids[5], ids[7] = x0, x1, y0, y1
-                    edges = table[case]
-                    count = counts_of_case[case]
-                    for t in range(count):
-                        triangles[n, 0] = ids[edges[3 * t]]
-                        triangles[n, 1] = ids[edges[3 * t + 1]]
-                        triangles[n, 2] = ids[edges[3 * t + 2]]
-                        n += one
-
-
-@kernel
-def _caps(fill, points, triangles, offset, bits, counts_of_case, planes, labels, first, last):
-    """Label the triangles that lie on the faces of the frame, whose places are ``planes``.
-
-    Only cubes at the border give such: across x and y those of the first and the last rows, across
-    z the first and the last cube of each row.
+    ``place`` holds origin, spacing, the index of the first voxel of the lattice, and how many
+    planes of it come before this slab; ``void`` is a row of void voxels.
     """
-    nx, ny, nz = fill.shape
+    planes, ny, nz = fill.shape
+    columns = ny + 1
+    words = bits.shape[2]
+    one, two, three = uint64(1), uint64(2), uint64(3)
+    ox, oy, oz, hx, hy, hz = place[0], place[1], place[2], place[3], place[4], place[5]
+    sx, sy, sz, before = place[6], place[7], place[8], place[9]
+    for row in range(first, last):
+        i, j = row // columns, row % columns
+        a, b, c = bits[i, j], bits[i, j + 1], bits[i + 1, j]
+        p, q = i - above, i + 1 - above  # the planes of voxels of this row and of the next
+        here = fill[p, j - 1] if 0 <= p < planes and j else void
+        beside = fill[p, j] if 0 <= p < planes and j < ny else void
+        behind = fill[q, j - 1] if q < planes and j else void
+        x, y = uint64(3 * base[i, j, 0]), uint64(3 * base[i, j, 1])
+        z = uint64(3 * base[i, j, 2])
+        middle = i + before - 0.5
+        px, py = ox + (sx + middle) * hx, oy + (sy + (j - 0.5)) * hy
+        for w in range(words):
+            a0 = a[w]
+            a1 = a0 >> one
+            if w + 1 < words:
+                a1 |= a[w + 1] << uint64(63)
+            cut = a0 ^ c[w]
+            while cut != 0:
+                k = uint64(64 * w) + _lowest_bit(cut)
+                cut &= cut - one
+                low = float(here[k - one])
+                t = (LEVEL - low) / (float(behind[k - one]) - low)
+                _put(entries, x, ox + (sx + (middle + t)) * hx)
+                _put(entries, x + one, py)
+                _put(entries, x + two, oz + (sz + (float(k) - 0.5)) * hz)
+                x += three
+            cut = a0 ^ b[w]
+            while cut != 0:
+                k = uint64(64 * w) + _lowest_bit(cut)
+                cut &= cut - one
+                low = float(here[k - one])
+                t = (LEVEL - low) / (float(beside[k - one]) - low)
+                _put(entries, y, px)
+                _put(entries, y + one, oy + (sy + (j - 0.5 + t)) * hy)
+                _put(entries, y + two, oz + (sz + (float(k) - 0.5)) * hz)
+                y += three
+            cut = a0 ^ a1
+            while cut != 0:
+                k = uint64(64 * w) + _lowest_bit(cut)
+                cut &= cut - one
+                low = float(here[k - one]) if k else 0.0
+                high = float(here[k]) if k < uint64(nz) else 0.0
+                t = (LEVEL - low) / (high - low)
+                _put(entries, z, px)
+                _put(entries, z + one, py)
+                _put(entries, z + two, oz + (sz + (float(k) - 0.5 + t)) * hz)
+                z += three
+    _all_is_put()
+
+
+@kernel
+def _triangles(bits, base, offset, slots, steps, counts_of_case, ids, entries, first, last):
+    """Write the triangles of rows first … last − 1 of cubes, three ``entries`` each.
+
+    ``ids`` is scratch for 16 vertices: the next one on each of the eight grid lines that edges of
+    a row of cubes lie on, before and after the cube at hand. They advance at active cubes only,
+    for a cut edge makes its cubes active.
+    """
+    columns = bits.shape[1] - 1
+    words = bits.shape[2]
+    one, eight = uint64(1), uint64(8)
+    for row in range(first, last):
+        i, j = row // columns, row % columns
+        a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
+        ids[8], ids[9] = base[i, j, 0], base[i, j + 1, 0]
+        ids[10], ids[11] = base[i, j, 1], base[i + 1, j, 1]
+        ids[12], ids[13] = base[i, j, 2], base[i, j + 1, 2]
+        ids[14], ids[15] = base[i + 1, j, 2], base[i + 1, j + 1, 2]
+        n = uint64(3 * offset[row])
+        for w in range(words):
+            a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
+            a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
+            if w + 1 < words:
+                a1 |= a[w + 1] << uint64(63)
+                b1 |= b[w + 1] << uint64(63)
+                c1 |= c[w + 1] << uint64(63)
+                d1 |= d[w + 1] << uint64(63)
+            some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
+            every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
+            active = some & ~every
+            while active != 0:
+                k = _lowest_bit(active)
+                active &= active - one
+                case = ((a0 >> k) & one) | ((a1 >> k) & one) << one
+                case |= ((b0 >> k) & one) << uint64(2) | ((b1 >> k) & one) << uint64(3)
+                case |= ((c0 >> k) & one) << uint64(4) | ((c1 >> k) & one) << uint64(5)
+                case |= ((d0 >> k) & one) << uint64(6) | ((d1 >> k) & one) << uint64(7)
+                for line in range(eight):
+                    ids[line] = ids[eight + line]
+                for line in range(eight):
+                    ids[eight + line] += steps[case, line]
+                for corner in range(uint64(3) * counts_of_case[case]):
+                    _put(entries, n, ids[slots[case, corner]])
+                    n += one
+    _all_is_put()
+
+
+@kernel
+def _caps(fill, bits, above, ends, offset, table, counts_of_case, labels, first, last):
+    """Label the triangles that lie on the faces of the lattice, of rows first … last − 1.
+
+    They are those all of whose corners lie on edges that leave the lattice through that face,
+    from voxels that are wholly solid. Only cubes at the border have such edges: ``ends`` are the
+    first and the last row of cubes along x, counted in this slab.
+    """
+    ny, nz = fill.shape[1], fill.shape[2]
+    columns = ny + 1
+    words = bits.shape[2]
     one = uint64(1)
-    for i in range(first, last):
-        for j in range(ny + 1):
-            a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
-            border = i == 0 or i == nx or j == 0 or j == ny
-            for face in range(0 if border else 4, 6):
-                start, stop = offset[i, j], offset[i, j + 1]
-                if face < 4:
-                    at = i if face < 2 else j
-                    if at != (0 if face == 0 or face == 2 else (nx if face == 1 else ny)):
-                        continue
-                else:
-                    # The case of an end cube, whose other four corners are void.
-                    voxel = uint64(1 if face == 4 else nz)
-                    w, k = voxel >> uint64(6), voxel & uint64(63)
-                    case = (
-                        ((a[w] >> k) & one)
-                        | ((b[w] >> k) & one) << uint64(2)
-                        | ((c[w] >> k) & one) << uint64(4)
-                        | ((d[w] >> k) & one) << uint64(6)
-                    )
-                    if face == 4:
-                        stop = start + counts_of_case[case << one]
+    for row in range(first, last):
+        i, j = row // columns, row % columns
+        a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
+        border = i == ends[0] or i == ends[1] or j == 0 or j == ny
+        n = offset[row]
+        for w in range(words):
+            if not border and 0 < w and 64 * w + 63 < nz:
+                continue
+            a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
+            a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
+            if w + 1 < words:
+                a1 |= a[w + 1] << uint64(63)
+                b1 |= b[w + 1] << uint64(63)
+                c1 |= c[w + 1] << uint64(63)
+                d1 |= d[w + 1] << uint64(63)
+            some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
+            every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
+            active = some & ~every
+            if not border:
+                active &= (one if w == 0 else uint64(0)) | (
+                    one << uint64(nz & 63) if w == nz >> 6 else uint64(0)
+                )
+            while active != 0:
+                bit = _lowest_bit(active)
+                active &= active - one
+                k = 64 * w + int64(bit)
+                case = ((a0 >> bit) & one) | ((a1 >> bit) & one) << one
+                case |= ((b0 >> bit) & one) << uint64(2) | ((b1 >> bit) & one) << uint64(3)
+                case |= ((c0 >> bit) & one) << uint64(4) | ((c1 >> bit) & one) << uint64(5)
+                case |= ((d0 >> bit) & one) << uint64(6) | ((d1 >> bit) & one) << uint64(7)
+                count = int64(counts_of_case[case])
+                if k == nz:
+                    n = offset[row + 1] - count
+                for t in range(count):
+                    axis = int64(table[case, 3 * t]) >> 2
+                    if axis == 0:
+                        lower, upper = i == ends[0], i == ends[1]
+                    elif axis == 1:
+                        lower, upper = j == 0, j == ny
                     else:
-                        start = stop - counts_of_case[case]
-                    if case == 0x55:
-                        # Mostly all four are wholly solid: then there is no need to look.
-                        z = int(voxel) - 1
-                        least = min(fill[i - 1, j - 1, z], fill[i - 1, j, z])
-                        if min(least, fill[i, j - 1, z], fill[i, j, z]) == 255:
-                            labels[start:stop] = face + 1
-                            continue
-                axis, plane = face >> 1, planes[face]
-                for t in range(start, stop):
-                    if (
-                        points[triangles[t, 0], axis] == plane
-                        and points[triangles[t, 1], axis] == plane
-                        and points[triangles[t, 2], axis] == plane
-                    ):
-                        labels[t] = face + 1
+                        lower, upper = k == 0, k == nz
+                    caps = lower or upper
+                    for corner in range(3 * t, 3 * t + 3):
+                        edge = int64(table[case, corner])
+                        if not caps or edge >> 2 != axis:
+                            caps = False
+                        else:
+                            # The solid one of the two voxels that the edge joins.
+                            u, v = edge >> 1 & 1, edge & 1
+                            if axis == 0:
+                                x, y, z = i - above + lower, j - 1 + u, k - 1 + v
+                            elif axis == 1:
+                                x, y, z = i - above + u, j - 1 + lower, k - 1 + v
+                            else:
+                                x, y, z = i - above + u, j - 1 + v, k - 1 + lower
+                            caps = fill[x, y, z] == 255
+                    if caps:
+                        labels[n + t] = 2 * axis + 1 + upper
+                n += count
+
+
+class Slab:
+    """Rows of cubes ``first`` … ``last`` − 1 along x of a lattice, counted and ready to be written.
+
+    Parameters
+    ----------
+    fill
+        uint8, shape (p, y, z): the planes of voxels ``first`` − 1 … ``last``, those that there are.
+    planes
+        How many planes of voxels the lattice has along x; it has one row of cubes more.
+    first, last
+        Which rows of cubes; ``last`` is at most ``planes`` + 1.
+    report
+        Gives each of the five steps of work (0 … 4) its progress.
+    """
+
+    def __init__(
+        self,
+        fill: NDArray[np.uint8],
+        planes: int,
+        first: int,
+        last: int,
+        report: Callable[[int], Callable[[int, int], None] | None] = lambda _step: None,
+    ) -> None:
+        self._fill, self._first, self._report = source(fill, np.uint8), first, report
+        self._above = 1 if first == 0 else 0
+        self._ends = np.array([-first, planes - first], dtype=np.int64)
+        _, ny, nz = fill.shape
+        length, self._columns = last - first, ny + 1
+        self._bits = np.zeros((length + 2, ny + 2, (nz + 2 + 63) // 64), dtype=np.uint64)
+        self._rows = length * self._columns
+        self._size = max(1, min(_VOXELS_PER_SLAB // (nz + 1), self._rows // 8))
+        # One row along x more: its vertices are corners of triangles here.
+        vertices = np.zeros((length + 1, ny + 2, 3), dtype=np.int64)
+        faces = np.zeros(self._rows + self._columns, dtype=np.int64)
+        self._count(vertices, faces)
+        self._base = np.cumsum(vertices).reshape(vertices.shape) - vertices
+        self._offset = np.concatenate([[0], np.cumsum(faces)])
+        self._beyond = int(vertices.sum())
+
+    def _count(self, vertices, faces):
+        size = -(-self._size // self._columns)
+        pack = functools.partial(_pack, self._fill, self._bits, self._above)
+        slabs(len(self._fill), size, pack, self._report(0))
+        count = functools.partial(_count, self._bits, _COUNTS, vertices, faces)
+        slabs(len(faces), self._size, count, self._report(1))
+
+    @property
+    def vertices(self) -> NDArray[np.int64]:
+        """How many vertices each row of cubes along x has, shape (last − first,)."""
+        return np.diff(self._base[:, 0, 0])
+
+    @property
+    def triangles(self) -> NDArray[np.int64]:
+        """How many triangles each row of cubes along x has, shape (last − first,)."""
+        return np.diff(self._offset[: self._rows + 1 : self._columns])
+
+    def points(self, frame: Frame, *, beyond: bool = False) -> NDArray[np.float64]:
+        """Return the vertices of these rows, shape (n, 3), and of the next one if ``beyond``."""
+        count = self._beyond if beyond else int(self._base[-1, 0, 0])
+        result = np.empty((count, 3), dtype=np.float64)
+        numbers = np.array([*frame.origin, *frame.spacing, *frame.start, self._first], np.float64)
+        void = source(np.zeros(self._fill.shape[2]), np.uint8)
+        write = functools.partial(
+            _vertices,
+            *(self._fill, void, self._bits, self._above, self._base, numbers, result.reshape(-1)),
+        )
+        slabs(self._rows + beyond * self._columns, self._size, write, self._report(2))
+        return result
+
+    def corners(self, number: int = 0) -> NDArray[np.int64]:
+        """Return the triangles, shape (t, 3); the first vertex of these rows has ``number``."""
+        result = np.empty((int(self._offset[self._rows]), 3), dtype=np.int64)
+        base = self._base + number
+
+        def write(first, last):
+            ids = np.empty(16, dtype=np.int64)
+            _triangles(
+                *(self._bits, base, self._offset, _SLOTS, _STEPS, _COUNTS, ids),
+                *(result.reshape(-1), first, last),
+            )
+
+        slabs(self._rows, self._size, write, self._report(3))
+        return result
+
+    def labels(self) -> NDArray[np.int16]:
+        """Return which face of the lattice each triangle lies on, 1 … 6, or 0; shape (t,)."""
+        result = np.zeros(int(self._offset[self._rows]), dtype=np.int16)
+        write = functools.partial(
+            _caps,
+            *(self._fill, self._bits, self._above, self._ends, self._offset),
+            *(_TRIANGLES, _COUNTS, result),
+        )
+        slabs(self._rows, self._size, write, self._report(4))
+        return result
 
 
 def marching_cubes(
-    fill: NDArray[np.uint8],
-    *,
-    origin: tuple[float, float, float],
-    spacing: tuple[float, float, float],
-    start: tuple[int, int, int] = (0, 0, 0),
-    progress: Callable[[int, int], None] | None = None,
+    fill: NDArray[np.uint8], frame: Frame, progress: Callable[[int, int], None] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int16]]:
     """Return the surface of the voxels of fill ≥ 128, closed at the border of the array.
 
@@ -298,8 +440,9 @@ def marching_cubes(
     ----------
     fill
         uint8, shape (x, y, z).
-    origin, spacing, start
-        Point (a, b, c) of the lattice lies at ``origin + (start + (a, b, c)) · spacing``.
+    frame
+        Where the lattice lies: its point (a, b, c) is at ``origin + (start + (a, b, c)) ·
+        spacing``.
     progress
         Called as ``progress(done, count)``; raising in it ends the work.
 
@@ -312,67 +455,25 @@ def marching_cubes(
     labels
         int16, shape (t,): 1 … 6 for triangles that lie on the array's own faces, in the order
         x lower, x upper, y lower, …; else 0.
+
+    Raises
+    ------
+    MemoryLimitError
+        Where the surface would not fit into memory.
     """
-    fill = source(fill, np.uint8)
-    nx, ny, nz = fill.shape
-    size = max(1, min(_VOXELS_PER_SLAB // ((ny + 1) * (nz + 1)), nx // 8))
-    report = _thirds(progress)
-    counts_of_case, table = source(COUNTS, np.uint8), source(TRIANGLES, np.uint8)
-
-    bits = np.zeros((nx + 2, ny + 2, (nz + 2 + 63) // 64), dtype=np.uint64)
-    slabs(nx, size, lambda a, b: _pack(fill, bits, a, b), report(0))
-
-    vertices = np.empty((nx + 1, ny + 1, 3), dtype=np.int64)
-    faces = np.empty((nx + 1, ny + 1), dtype=np.int64)
-    slabs(nx + 1, size, lambda a, b: _count(bits, counts_of_case, vertices, faces, a, b), report(1))
-    base, offset = _offsets(vertices, faces)
-
-    total = int(offset[-1, -1])
-    needed = int(vertices.sum()) * 24 + total * 26
+    slab = Slab(fill, len(fill), 0, len(fill) + 1, _fifths(progress))
+    total = int(slab.triangles.sum())
+    needed = int(slab.vertices.sum()) * 24 + total * 26
     check_memory(needed, f"A surface of {total} triangles", "Use fewer voxels or a lower level.")
-    points = np.empty((int(vertices.sum()), 3), dtype=np.float64)
-    triangles = np.empty((total, 3), dtype=np.int64)
-    place = np.array([*origin, *spacing, *start], dtype=np.float64)
-
-    def emit(a, b):
-        ids = np.empty(12, dtype=np.int64)
-        _vertices(fill, bits, base, place, points, a, b)
-        _triangles(bits, base, offset, table, counts_of_case, ids, triangles, a, b)
-
-    slabs(nx + 1, size, emit, report(2))
-
-    labels = np.zeros(total, dtype=np.int16)
-    planes = np.array(
-        [origin[a] + (start[a] + end) * spacing[a] for a in range(3) for end in (0, fill.shape[a])]
-    )
-
-    def label(a, b):
-        _caps(fill, points, triangles, offset, bits, counts_of_case, planes, labels, a, b)
-
-    slabs(nx + 1, size, label)
-    return points, triangles, labels
+    return slab.points(frame), slab.corners(), slab.labels()
 
 
-def _offsets(vertices, faces):
-    """Return where each row's vertices (along x, y, z) and its triangles begin.
+def _fifths(progress):
+    """Return a function that makes the progress of one of five steps that of the whole."""
 
-    Triangles of row (i, j) end where ``offset[i, j + 1]`` says.
-    """
-    rows, columns = faces.shape
-    base = np.zeros((rows + 1, columns + 1, 3), dtype=np.int64)
-    np.subtract(np.cumsum(vertices).reshape(vertices.shape), vertices, out=base[:-1, :-1])
-    offset = np.zeros((rows, columns + 1), dtype=np.int64)
-    offset[:, 1:] = np.cumsum(faces).reshape(faces.shape)
-    offset[1:, 0] = offset[:-1, -1]
-    return base, offset
-
-
-def _thirds(progress):
-    """Return a function that makes the progress of one of three passes that of the whole."""
-
-    def report(part):
+    def report(step):
         if progress is None:
             return None
-        return lambda done, count: progress(part * count + done, 3 * count)
+        return lambda done, count: progress(step * count + done, 5 * count)
 
     return report

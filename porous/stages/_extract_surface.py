@@ -89,20 +89,11 @@ Extraction = tuple["NDArray[np.float64]", "NDArray[np.int64]", "NDArray[np.int16
 def _marching_cubes(grid: VoxelGrid, progress: Progress | None) -> Extraction:
     from porous.kernels.surface import marching_cubes
 
-    frame = grid.frame
-
     def report(done: int, count: int) -> None:
         assert progress is not None
         progress("extract_surface", done / count)
 
-    points, triangles, labels = marching_cubes(
-        grid.fill,
-        origin=frame.origin,
-        spacing=frame.spacing,
-        start=frame.start,
-        progress=None if progress is None else report,
-    )
-    return points, triangles, labels
+    return marching_cubes(grid.fill, grid.frame, None if progress is None else report)
 
 
 def _lewiner(grid: VoxelGrid, progress: Progress | None) -> Extraction:
