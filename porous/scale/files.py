@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from porous import disk
-from porous.errors import FormatError
+from porous.errors import DiskError, FormatError
 from porous.scale import codec
 from porous.scale.manifest import Manifest
 from porous.scale.plan import Plan
@@ -201,7 +201,7 @@ def read_plan(folder: Path) -> Plan:
         Where there is none, or it is damaged.
     """
     path = folder / PLAN
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # noqa: PTH112
         raise FormatError(f"{folder}: there is no such folder; wanted a store of porous")
     if not os.path.lexists(path):
         raise FormatError(f"{folder}: has no {PLAN}: it is no store that porous has begun")
@@ -228,7 +228,12 @@ def mended_plan(folder: Path) -> Plan:
 
 def check_empty(folder: Path) -> None:
     """Raise ``FormatError`` where a folder holds anything but what killed writers have left."""
-    held = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    try:
+        held = [path.name for path in folder.iterdir()]
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise DiskError(f"{folder}: cannot be listed: {str(error.strerror).lower()}") from None
     if PLAN in held:
         raise FormatError(f"{folder}: holds a store already; resume it, or remove it")
     if foreign := sorted(name for name in held if not name.startswith(disk.TEMPORARY)):
@@ -245,7 +250,13 @@ def naming(path: Path, remedy: str) -> Iterator[None]:
 
 
 def _check_folder(folder: Path) -> None:
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+    try:
+        mode = folder.lstat().st_mode
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise DiskError(f"{folder}: cannot be read: {str(error.strerror).lower()}") from None
+    if not stat.S_ISDIR(mode):
         raise FormatError(f"{folder}: is a link or no folder; wanted a folder")
 
 
@@ -254,6 +265,8 @@ def _sizes(folder: Path) -> dict[str, int]:
     try:
         with os.scandir(folder) as entries:
             found = {entry.name: entry.stat(follow_symlinks=False) for entry in entries}
+    except FileNotFoundError:
+        return {}
     except OSError as error:
-        raise FormatError(f"{folder}: cannot be read: {error.strerror}; {RESUME}") from None
+        raise DiskError(f"{folder}: cannot be read: {str(error.strerror).lower()}") from None
     return {name: info.st_size for name, info in found.items() if stat.S_ISREG(info.st_mode)}

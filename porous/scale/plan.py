@@ -22,6 +22,8 @@ from porous.values.value import Value, counts
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+VERSION = version("porous")
+"""Of the porous that runs; asked for once, for it is read from disk."""
 FORMAT = 1
 """Changes whenever a store of before would be read wrongly."""
 LARGEST_CHUNK = 1 << 28
@@ -77,7 +79,7 @@ class Plan(Value):
             raise GridError(f"chunk: got {wanted}; wanted at least one voxel per axis")
         fitted = tuple(min(a, n) for a, n in zip(wanted, self.frame.shape, strict=True))
         self._set("chunk", fitted)
-        self._set("version", str(self.version or version("porous")))
+        self._set("version", str(self.version or VERSION))
         self._set("has_bulk", bool(self.has_bulk))
         self._set("sampling_error", float(self.sampling_error))
         self._set("hausdorff", None if self.hausdorff is None else float(self.hausdorff))

@@ -6,16 +6,20 @@ refused, so that no flipped bit passes, not even one in a space.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from porous.errors import FormatError
+from porous.errors import DiskError, FormatError
 from porous.scale.codec import crc32c
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+DAMAGE = (errno.EIO, errno.ELOOP, errno.ENOTDIR, errno.ENXIO, errno.EISDIR)
+"""What the system answers where there is no readable file of that name; nor will there be."""
 
 
 def seal(content: dict[str, Any]) -> bytes:
@@ -47,21 +51,22 @@ def read_file(path: Path, most: int) -> bytes:
     Raises
     ------
     FormatError
-        Where there is none, it is something else, or it is longer.
+        Where there is none, it is something else, longer, or the disk has lost its bytes.
+    DiskError
+        Where it may be as it should be and only cannot be read now: no rights, no handles left.
     """
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
     try:
-        handle = os.open(path, flags)
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            return _bytes(handle, most)
+        finally:
+            os.close(handle)
     except FileNotFoundError:
         raise FormatError("is missing") from None
-    except (OSError, ValueError) as error:
-        raise FormatError(f"cannot be opened: {_reason(error)}") from None
-    try:
-        return _bytes(handle, most)
     except OSError as error:
-        raise FormatError(f"cannot be read: {_reason(error)}") from None
-    finally:
-        os.close(handle)
+        if error.errno in DAMAGE:
+            raise FormatError(f"cannot be read: {_reason(error)}") from None
+        raise DiskError(f"{path}: cannot be read: {_reason(error)}") from None
 
 
 def _bytes(handle: int, most: int) -> bytes:
@@ -89,5 +94,5 @@ def _not_a_number(word: str) -> NoReturn:
     raise ValueError(f"{word} is no number")
 
 
-def _reason(error: Exception) -> str:
-    return (getattr(error, "strerror", None) or str(error)).lower()
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

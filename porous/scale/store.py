@@ -21,7 +21,6 @@ otherwise.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +30,7 @@ from porous import disk
 from porous.errors import FormatError, RecipeError
 from porous.scale import codec
 from porous.scale.files import MANIFEST, PLAN, Files, check_empty, mended_plan, read_plan
-from porous.scale.plan import Plan
+from porous.scale.plan import VERSION, Plan
 from porous.scale.sealed import seal
 from porous.values.value import Value
 
@@ -331,10 +330,10 @@ def _check_same(folder: Path, plan: Plan, recipe_sha256: str, frame: Frame | Non
         raise RecipeError(
             f"{folder}: has the frame {plan.frame}; wanted {frame}; choose another folder"
         )
-    if plan.version != version("porous"):
+    if plan.version != VERSION:
         raise FormatError(
-            f"{folder}: was begun by porous {plan.version}; this is {version('porous')}, which may "
-            "make other voxels: go on with that one, or remove the folder"
+            f"{folder}: was begun by porous {plan.version}; this is {VERSION}, which may make "
+            "other voxels: go on with that one, or remove the folder"
         )
 
 

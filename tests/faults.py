@@ -1,0 +1,397 @@
+"""Deaths, failing disks and rotten bits, made to order; what must hold after each of them.
+
+The tests run a short version of what ``analysis/07_store_faults.py`` runs in full.
+"""
+
+import errno
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from porous import disk
+from porous.errors import DiskError, FormatError, PorousError
+from porous.scale import Store
+from porous.values import Frame
+
+RECIPE = "0123456789abcdef" * 4
+CALLS = (
+    *("open", "read", "write", "fsync", "close", "replace", "unlink", "mkdir", "rmdir"),
+    *("stat", "lstat", "fstat", "scandir", "listdir"),
+)
+ERRORS = ("ENOSPC", "EIO", "EDQUOT", "EMFILE", "EROFS")
+REAL = {name: getattr(os, name) for name in CALLS}
+
+
+class Case:
+    """A small job: the voxels that a store is to hold, and the bytes that it then consists of."""
+
+    def __init__(self, place, shape=(5, 4, 7), chunk=(3, 4, 4), seed=0):
+        self.frame = Frame((0, 0, 0), (1.0, 0.5, 0.25), shape)
+        self.chunk = chunk
+        random_ = np.random.default_rng(seed)
+        self.arrays = {name: random_.integers(0, 256, shape).astype(np.uint8) for name in NAMES}
+        self.folder = Path(place)
+        self.go_on(self.folder)
+        self.bytes = contents(self.folder)
+
+    def go_on(self, folder):
+        """Do what is left to do, as `porous make` and `porous resume` would."""
+        try:
+            store = Store.resume(folder, RECIPE, frame=self.frame)
+        except FormatError:
+            options = {"chunk": self.chunk, "recipe_sha256": RECIPE, "has_bulk": True}
+            store = Store.create(folder, self.frame, **options)
+        tiles = store.tiles
+        for name, index in store.missing():
+            store.write(name, index, self.arrays[name][tuple(map(slice, *tiles[index]))])
+        return store if store.is_whole else store.commit()
+
+    def check(self, folder):
+        """Return whether a store is whole; fail where a wrong byte is taken for a right one."""
+        try:
+            store = Store.open(folder)
+            found = {name: store.read(name, (0, 0, 0), self.frame.shape) for name in NAMES}
+        except FormatError:
+            return False
+        assert all(np.array_equal(found[name], self.arrays[name]) for name in NAMES)
+        return True
+
+    def check_torn(self, folder):
+        """Fail where a file that bears its final name is not the one that it should be."""
+        for name, data in contents(folder).items():
+            assert Path(name).name.startswith(disk.TEMPORARY) or data == self.bytes[name], name
+
+    def check_resumed(self, folder):
+        """Fail where going on from here does not end with the very bytes of an undisturbed run."""
+        self.go_on(folder)
+        assert contents(folder) == self.bytes
+        assert self.check(folder)
+
+
+NAMES = ("fill", "bulk")
+
+
+def contents(folder):
+    folder = Path(folder)
+    files = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def bare(folder):
+    shutil.rmtree(folder, ignore_errors=True)
+    return Path(folder)
+
+
+# --- calls to the operating system -------------------------------------------------------
+
+
+@contextmanager
+def calls(act):
+    """Have ``act(number, name, real, args, kwargs)`` in the place of every call to the disk."""
+    count = 0
+
+    def standing_for(name):
+        def call(*args, **kwargs):
+            nonlocal count
+            count += 1
+            return act(count, name, REAL[name], args, kwargs)
+
+        return call
+
+    for name in CALLS:
+        setattr(os, name, standing_for(name))
+    try:
+        yield
+    finally:
+        for name in CALLS:
+            setattr(os, name, REAL[name])
+
+
+def counted(work):
+    """Return the names of all calls to the disk that ``work`` makes."""
+    names = []
+
+    def act(_, name, real, args, kwargs):
+        names.append(name)
+        return real(*args, **kwargs)
+
+    with calls(act):
+        work()
+    return names
+
+
+def failing(number, code, *, persistent):
+    """Return an ``act`` whose N-th call fails, or all from the N-th on."""
+    error = OSError(getattr(errno, code), os.strerror(getattr(errno, code)))
+
+    def act(count, name, real, args, kwargs):
+        if count < number or (count > number and not persistent):
+            return real(*args, **kwargs)
+        if name == "close":  # a close that fails has closed all the same
+            real(*args, **kwargs)
+        raise error
+
+    return act
+
+
+def short_writes(seed):
+    """Return an ``act`` under which every write takes only some of what it is given."""
+    random_ = random.Random(seed)
+
+    def act(_, name, real, args, kwargs):
+        if name == "write":
+            handle, data = args
+            args = handle, bytes(data[: random_.randint(1, len(data))])
+        return real(*args, **kwargs)
+
+    return act
+
+
+def dying(number, when):
+    """Return an ``act`` that kills the process before, amid or after its N-th call."""
+
+    def act(count, name, real, args, kwargs):
+        if count != number:
+            return real(*args, **kwargs)
+        if when == "amid" and name == "write":
+            real(args[0], bytes(args[1][: len(args[1]) // 2]))
+        elif when == "after":
+            with suppress(OSError):
+                real(*args, **kwargs)
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+    return act
+
+
+# --- deaths ------------------------------------------------------------------------------
+
+
+def forked(work):
+    """Run ``work`` in a child of this process, which must have one thread; return its number."""
+    child = os.fork()
+    if child:
+        return child
+    code = 1
+    try:
+        work()
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def ended(child):
+    """Wait for a child; return whether it was killed."""
+    _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == 0
+    return os.WIFSIGNALED(status)
+
+
+def kills_at_calls(case, folder, numbers, when):
+    """Kill the job at each of these calls to the disk, with a fresh folder each; return a row."""
+    killed = whole = 0
+    for number in numbers:
+        bare(folder)
+
+        def work(number=number):
+            with calls(dying(number, when)):
+                case.go_on(folder)
+
+        killed += ended(forked(work))
+        case.check_torn(folder)
+        whole += case.check(folder)
+        case.check_resumed(folder)
+    return {"trials": len(numbers), "struck": killed, "read_as_whole": whole}
+
+
+def kills_at_random(case, folder, trials, seed):
+    """Kill the job at random times, and sometimes those who resume it; return a row."""
+    random_ = random.Random(seed)
+    start = time.monotonic()
+    case.go_on(bare(folder))
+    usual = time.monotonic() - start
+    bare(folder)
+    killed = whole = finished = 0
+    for _ in range(trials):
+        child = forked(lambda: case.go_on(folder))
+        time.sleep(random_.uniform(0, 1.2 * usual))
+        os.kill(child, signal.SIGKILL)
+        killed += ended(child)
+        case.check_torn(folder)
+        whole += case.check(folder)
+        if case.check(folder) or random_.random() < 0.5:
+            case.check_resumed(folder)
+            finished += 1
+            bare(folder)
+    return {"trials": trials, "struck": killed, "read_as_whole": whole, "resumed": finished}
+
+
+# --- failing disks -----------------------------------------------------------------------
+
+
+def length(case, folder):
+    """Return how many calls to the disk an undisturbed job makes."""
+    bare(folder)
+    return len(counted(lambda: case.go_on(folder)))
+
+
+def faults(case, folder, code, *, persistent, step=1):
+    """Fail at the first, second, … last call of the whole job, or all from there; return a row."""
+    numbers = range(1, length(case, folder) + 1, step)
+    struck = whole = 0
+    for number in numbers:
+        bare(folder)
+        raised = None
+        with calls(failing(number, code, persistent=persistent)):
+            try:
+                case.go_on(folder)
+            except PorousError as error:
+                raised = error
+        assert raised is None or isinstance(raised, DiskError | FormatError), raised
+        assert "\n" not in str(raised)
+        case.check_torn(folder)
+        is_whole = case.check(folder)
+        assert is_whole or raised
+        struck, whole = struck + (raised is not None), whole + is_whole
+        case.check_resumed(folder)
+    return {"trials": len(numbers), "struck": struck, "read_as_whole": whole}
+
+
+def faults_of_readers(case, code, *, persistent):
+    """Fail at every call of opening and reading a whole store; return a row."""
+    number_of_calls = len(counted(lambda: case.check(case.folder)))
+    struck = 0
+    for number in range(1, number_of_calls + 1):
+        with calls(failing(number, code, persistent=persistent)):
+            try:
+                struck += not case.check(case.folder)
+            except DiskError:
+                struck += 1
+    assert contents(case.folder) == case.bytes
+    return {"trials": number_of_calls, "struck": struck}
+
+
+def faults_of_writer(write, path, code, *, persistent):
+    """Fail at every call of a writer that replaces a file by another; return a row."""
+    old = b"what was there before"
+    write(path)
+    new = path.read_bytes()
+    number_of_calls = len(counted(lambda: write(path)))
+    struck = 0
+    for number in range(1, number_of_calls + 1):
+        path.write_bytes(old)
+        raised = None
+        with calls(failing(number, code, persistent=persistent)):
+            try:
+                write(path)
+            except DiskError as error:
+                raised = error
+        struck += raised is not None
+        assert path.read_bytes() == new or (raised and path.read_bytes() == old)
+        assert [file.name for file in path.parent.iterdir()] == [path.name]
+    with calls(short_writes(number_of_calls)):
+        write(path)
+    assert path.read_bytes() == new
+    return {"trials": number_of_calls, "struck": struck}
+
+
+# --- bits that rot -----------------------------------------------------------------------
+
+
+def flip(path, bit):
+    data = bytearray(path.read_bytes())
+    data[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(data)
+
+
+def _refusal(work):
+    try:
+        work()
+    except FormatError as error:
+        return str(error)
+    return ""
+
+
+def flips(case, folder, trials, seed, *, of_chunks):
+    """Flip one bit anywhere; demand that its file is named, and what is left is read; a row."""
+    random_ = random.Random(seed)
+    shutil.copytree(case.folder, bare(folder))
+    names = sorted(name for name in case.bytes if ("/c." in name) == of_chunks)
+    sizes = [len(case.bytes[name]) for name in names]
+    found = mended = 0
+    for trial in range(trials):
+        (name,) = random_.choices(names, sizes)
+        bit = random_.randrange(8 * len(case.bytes[name]))
+        flip(folder / name, bit)
+        if of_chunks:
+            found += Store.open(folder).verify() == (name,)
+        said = _refusal(lambda: Store.open(folder).read("fill", (0, 0, 0), case.frame.shape))
+        said = said or _refusal(
+            lambda: Store.open(folder).read("bulk", (0, 0, 0), case.frame.shape)
+        )
+        assert name in said, f"bit {bit} of {name} was not noticed: {said}"
+        found += not of_chunks
+        if trial % 10 == 0:
+            case.check_resumed(folder)
+            mended += 1
+        else:
+            flip(folder / name, bit)
+    return {"trials": trials, "found_and_named": found, "mended_by_resume": mended}
+
+
+# --- small disks -------------------------------------------------------------------------
+
+
+def mounted(options, place):
+    command = ["mount", "-t", "tmpfs", *options, "none", place]
+    return not subprocess.run(command, check=False).returncode
+
+
+def small_disks(place, sizes):
+    """Fill up disks of these many kilobytes, then make them larger and go on; return a row."""
+    case = Case(Path(place) / "case")
+    disk_, struck, said = Path(place) / "small", 0, []
+    disk_.mkdir()
+    for size in sizes:
+        if not mounted(["-o", f"size={size}k"], disk_):
+            sys.exit(77)
+        folder = disk_ / "grid.zarr"
+        raised = None
+        try:
+            case.go_on(folder)
+        except DiskError as error:
+            raised = error
+            said.append(str(error))
+        names = contents(disk_)
+        assert not [name for name in names if disk.TEMPORARY in name], names
+        if folder.exists():
+            case.check_torn(folder)
+        assert case.check(folder) == (raised is None)
+        struck += raised is not None
+        mounted(["-o", "remount,size=64m"], disk_)
+        case.check_resumed(folder)
+        subprocess.run(["umount", disk_], check=True)
+    return {"trials": len(sizes), "struck": struck, "said": said}
+
+
+def in_a_room_of_its_own(work):
+    """Return what ``work`` (a line of Python) prints where it may mount disks; None where not."""
+    unshare = shutil.which("unshare")
+    if not unshare or subprocess.run([unshare, "-m", "true"], check=False).returncode:
+        return None
+    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import faults; {work}"
+    done = subprocess.run(
+        [unshare, "-m", sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    if done.returncode == 77:
+        return None
+    assert done.returncode == 0, done.stderr
+    return done.stdout

@@ -1,0 +1,202 @@
+"""A store whose writers are killed, whose disk fails, whose bits rot, whose power goes."""
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import faults
+import numpy as np
+import pytest
+from faults import Case, bare, contents
+from power import power_cuts
+
+import porous.formats as po_formats
+from porous import disk
+from porous.errors import DiskError, FormatError
+from porous.scale import Store
+from porous.values import Frame, SurfaceMesh, VoxelGrid
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(scope="module")
+def base():
+    """A folder in memory where there is one: what is tested is not how fast disks are."""
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    with tempfile.TemporaryDirectory(dir=memory) as folder:
+        yield Path(folder)
+
+
+@pytest.fixture(scope="module")
+def case(base):
+    return Case(base / "case")
+
+
+@pytest.fixture
+def folder(base):
+    return bare(base / "grid.zarr")
+
+
+def in_one_thread(base, work):
+    """Return what a function of ``faults`` finds that forks, in a process of one thread."""
+    code = (
+        f"import sys, json; sys.path.insert(0, {str(HERE)!r}); import faults;"
+        f"case = faults.Case({str(bare(base / 'killed'))!r});"
+        f"print(json.dumps({work}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("when", ["before", "amid", "after"])
+def test_killed_at_a_call_to_the_disk(base, folder, when):
+    first = ("before", "amid", "after").index(when) + 1
+    numbers = f"range({first}, faults.length(case, {str(folder)!r}), 7)"
+    found = in_one_thread(
+        base, f"faults.kills_at_calls(case, {str(folder)!r}, {numbers}, {when!r})"
+    )
+    assert found["struck"] == found["trials"] >= 25
+    assert found["read_as_whole"] <= 2
+
+
+def test_killed_at_random(base, folder):
+    found = in_one_thread(base, f"faults.kills_at_random(case, {str(folder)!r}, 20, seed=1)")
+    assert 5 <= found["struck"] <= found["trials"] == 20
+
+
+@pytest.mark.parametrize(
+    ("code", "persistent"), [("ENOSPC", True), ("EIO", False), ("EMFILE", False)]
+)
+def test_the_disk_fails_at_any_call(case, folder, code, persistent):
+    found = faults.faults(case, folder, code, persistent=persistent, step=3)
+    assert found["trials"] >= 60
+    assert found["struck"] >= 0.8 * found["trials"]
+    assert found["read_as_whole"] - (found["trials"] - found["struck"]) <= 2
+
+
+@pytest.mark.parametrize("persistent", [False, True])
+@pytest.mark.parametrize("code", ["EIO", "EMFILE", "EACCES"])
+def test_reading_fails_at_any_call(case, code, persistent):
+    found = faults.faults_of_readers(case, code, persistent=persistent)
+    assert found["trials"] >= 30
+    assert found["struck"] >= found["trials"] - 4
+
+
+def test_short_writes_give_the_same_bytes(case, folder):
+    for seed in range(3):
+        bare(folder)
+        with faults.calls(faults.short_writes(seed)):
+            case.go_on(folder)
+        assert contents(folder) == case.bytes
+
+
+def test_a_flipped_bit_in_any_chunk_is_found_and_the_chunk_named(case, folder):
+    found = faults.flips(case, folder, 150, seed=2, of_chunks=True)
+    assert found["found_and_named"] == 150
+    assert found["mended_by_resume"] == 15
+
+
+def test_a_flipped_bit_in_any_other_file_is_found_and_the_file_named(case, folder):
+    found = faults.flips(case, folder, 150, seed=3, of_chunks=False)
+    assert found["found_and_named"] == 150
+
+
+def test_what_a_power_cut_leaves(case, base):
+    found = power_cuts(case, base, trials=1, seed=4)
+    assert found["trials"] >= 60
+    assert found["read_as_whole"] <= 3
+
+
+def test_disks_that_are_too_small(base):
+    room = base / "room"
+    code = f"import json; print(json.dumps(faults.small_disks({str(room)!r}, [4, 24, 48, 72])))"
+    said = faults.in_a_room_of_its_own(code)
+    if said is None:
+        pytest.skip("this user may not mount a small disk")
+    found = json.loads(said)
+    assert found["struck"] == 3
+    assert all("no space left on device" in text for text in found["said"])
+
+
+def test_a_transient_error_removes_nothing(case, folder, monkeypatch):
+    """Handles that run out say nothing about the chunks: they are not taken for damaged."""
+    shutil.copytree(case.folder, folder)
+    real = os.open
+
+    def few(path, *args, **kwargs):
+        if "c." in Path(path).name:
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        return real(path, *args, **kwargs)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "open", few)
+        with pytest.raises(DiskError, match="cannot be read: too many open files"):
+            Store.resume(folder, faults.RECIPE)
+        with pytest.raises(DiskError, match="too many open files"):
+            Store.open(folder).verify()
+    assert contents(folder) == case.bytes
+
+
+def test_a_damaged_plan_is_mended_from_its_copy_and_the_other_way_round(case, folder):
+    for name in ("plan.json", "zarr.json", "fill/zarr.json", "manifest.json"):
+        shutil.copytree(case.folder, bare(folder))
+        (folder / name).unlink()
+        with pytest.raises(FormatError):
+            Store.open(folder)
+        assert Store.resume(folder, faults.RECIPE).missing() == ()
+        case.check_resumed(folder)
+    (folder / "plan.json").unlink()
+    faults.flip(folder / "zarr.json", 1234)
+    with pytest.raises(FormatError, match="has no plan"):
+        Store.resume(folder, faults.RECIPE)
+
+
+def test_leftovers_are_swept(case, folder):
+    shutil.copytree(case.folder, folder)
+    for place in (folder, folder / "fill", folder / "bulk"):
+        (place / f"{disk.TEMPORARY}0123").write_bytes(b"half")
+    (folder / f"{disk.TEMPORARY}4567").mkdir()
+    (folder / f"{disk.TEMPORARY}4567" / "x").write_bytes(b"")
+    assert case.check(folder)
+    case.check_resumed(folder)
+    assert not [path for path in folder.rglob("*") if disk.TEMPORARY in path.name]
+
+
+def test_a_store_is_begun_where_its_creation_was_killed(case, folder):
+    folder.mkdir()
+    (folder / f"{disk.TEMPORARY}0123").write_bytes(b"half a plan")
+    case.check_resumed(folder)
+
+
+GRID = VoxelGrid(
+    Frame((0, 0, 0), (1, 2, 3), (2, 3, 4)),
+    np.random.default_rng(0).integers(0, 256, (2, 3, 4)).astype(np.uint8),
+)
+TETRAHEDRON = SurfaceMesh(
+    np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]]),
+    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+)
+
+
+@pytest.mark.parametrize("suffix", [".vti", ".npz", ".stl", ".ply", ".obj"])
+def test_every_writer_leaves_the_old_file_or_the_new_one(base, suffix):
+    value = GRID if suffix in (".vti", ".npz") else TETRAHEDRON
+    place = bare(base / "file")
+    place.mkdir()
+    found = faults.faults_of_writer(
+        lambda path: po_formats.write(value, path), place / f"x{suffix}", "EIO", persistent=False
+    )
+    assert found["struck"] >= 6
