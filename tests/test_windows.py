@@ -11,7 +11,7 @@ from porous.kernels.windows import (
     CROSSINGS,
     DIRECTIONS,
     FUNCTIONALS,
-    tile_histogram,
+    block_histogram,
     window_histogram,
 )
 
@@ -83,9 +83,25 @@ def test_tiles_add_up(periodic):
     cuts = ([0, 1, 4, 7], [0, 5, 9], [0, 3, 64, 70])
     total = np.zeros(256, int)
     for tile in product(*(list(pairwise(c)) for c in cuts)):
-        start, stop = zip(*tile, strict=True)
-        total += tile_histogram(fill, start, stop, periodic=periodic)
+        block, below, above = fill, [], []
+        for axis, (start, stop) in enumerate(tile):
+            halo = start > 0 or periodic[axis]
+            block = block.take(range(start - halo, stop), axis=axis, mode="wrap")
+            below.append("nothing" if halo else "void")
+            above.append("void" if stop == fill.shape[axis] and not periodic[axis] else "nothing")
+        total += block_histogram(block, below=below, above=above)
     np.testing.assert_array_equal(total, window_histogram(fill, periodic=periodic))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_layer_once_again_is_a_layer(shape):
+    _, fill = grid(shape, seed=9)
+    longer = np.pad(fill, [(0, 1)] * 3, mode="edge")
+    nothing = ("nothing",) * 3
+    np.testing.assert_array_equal(
+        block_histogram(fill, below=nothing, above=("again",) * 3),
+        block_histogram(longer, below=nothing, above=nothing),
+    )
 
 
 def test_a_tiled_period_counts_as_often_as_it_is_tiled():

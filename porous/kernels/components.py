@@ -19,10 +19,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Axes = tuple[bool, bool, bool]
+    Index = tuple[int, int, int]
     Progress = Callable[[int, int], None]
 
 SLAB = 1 << 22
 """Voxels that one kernel call looks at, about."""
+
+LARGEST = (1 << 31) - 1
+"""Runs of a mask at most: their numbers are int32."""
 
 
 class Runs(NamedTuple):
@@ -77,7 +81,7 @@ def label_runs(
     Raises
     ------
     ValueError
-        For another connectivity.
+        For another connectivity, or a mask with more runs than an int32 can number.
     """
     if connectivity not in (6, 26):
         raise ValueError(f"connectivity: got {connectivity!r}; wanted 6 or 26")
@@ -117,14 +121,110 @@ def label(
     """
     runs = label_runs(mask, connectivity, periodic=periodic)
     labels = np.zeros(mask.shape, np.int32)
-    rows = labels.reshape(-1, mask.shape[2])
-    per_call = max(1, SLAB // mask.shape[2])
+    out, rows = labels.reshape(-1, mask.shape[2]), np.arange(mask.shape[0] * mask.shape[1])
     slabs(
         len(rows),
-        per_call,
-        lambda a, b: _paint(runs.offsets, runs.starts, runs.stops, runs.labels, a, b, rows),
+        max(1, SLAB // mask.shape[2]),
+        lambda a, b: _paint(*runs[:4], rows[a:b], 0, out[a:b]),
     )
     return labels, runs.total
+
+
+def layer_labels(runs: Runs, shape: Index, axis: int, layer: int) -> NDArray[np.int32]:
+    """Return the labels of one layer of voxels across an axis.
+
+    Parameters
+    ----------
+    runs
+        What ``label_runs`` found in a mask of this ``shape``.
+    axis, layer
+        Which layer.
+
+    Returns
+    -------
+    int32, shape without ``axis``: 0 outside the mask, else 1 + the component's number.
+    """
+    rows = np.arange(shape[0] * shape[1]).reshape(shape[:2])
+    if axis < 2:
+        chosen = np.ascontiguousarray(rows.take(layer, axis=axis))
+        out = np.zeros((len(chosen), shape[2]), np.int32)
+        _paint(*runs[:4], chosen, 0, out)
+        return out
+    out = np.zeros((rows.size, 1), np.int32)
+    _paint(*runs[:4], rows.ravel(), layer, out)
+    return out.reshape(rows.shape)
+
+
+def sizes_from(runs: Runs, shape: Index, first: Index) -> NDArray[np.int64]:
+    """Return how many voxels each component has at ``first`` or beyond, along every axis.
+
+    Returns
+    -------
+    int64, shape (runs.total,).
+    """
+    result = np.zeros(runs.total, np.int64)
+    _weigh(*runs[:4], np.array(shape, np.int64), np.array(first, np.int64), result)
+    return result
+
+
+def touching(runs: Runs, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return whether each component has a voxel in ``mask``, bool, shape (runs.total,)."""
+    found = np.zeros(runs.total, np.uint8)
+    rows = source(mask, np.bool_).view(np.uint8).reshape(-1, mask.shape[2])
+    _touch(*runs[:4], rows, found)
+    return found.view(np.bool_)
+
+
+class United(NamedTuple):
+    """Components that were found to be one: their number, and each one's place in that one.
+
+    ``sizes`` and ``marks`` are of the whole: added up and joined bit by bit.
+    """
+
+    numbers: NDArray[np.int64]
+    places: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    marks: NDArray[np.int64]
+
+
+def unite(
+    voxels: NDArray[np.int64],
+    owners: NDArray[np.int64],
+    turns: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    marks: NDArray[np.int64],
+    *,
+    around: int,
+) -> United:
+    """Join components of several blocks that were seen to own the same voxels.
+
+    Parameters
+    ----------
+    voxels
+        int64, shape (m,), ascending: voxels of the grid that were seen.
+    owners, turns
+        int64, shapes (m,) and (m, 3): whose voxel it was, and how many periods off the grid, per
+        axis, that one's block saw it.
+    sizes, marks
+        int64, shape (n,): of each component.
+    around
+        The mark of winding around the first axis, and twice and four times that around the
+        others. Where a walk from block to block leads back to a component some periods off, it
+        winds around.
+
+    Returns
+    -------
+    United
+        Numbered by each one's first part. A part lies ``places`` periods off that one.
+    """
+    parent = np.arange(len(sizes))
+    places = np.zeros((len(sizes), 3), np.int64)
+    sizes, marks = sizes.copy(), marks.copy()
+    _unite(voxels, owners, turns, parent, places, sizes, marks, around)
+    numbers = np.empty(len(sizes), np.int64)
+    _number(parent, places, numbers)
+    first = parent == np.arange(len(sizes))
+    return United(numbers, places, sizes[first], marks[first])
 
 
 def _runs_of(given, planes):
@@ -133,6 +233,8 @@ def _runs_of(given, planes):
     none = np.empty(0, np.int32)
     slabs(given.shape[0], planes, lambda a, b: _scan(given, a, b, offsets, none, none))
     np.cumsum(offsets, out=offsets)
+    if offsets[-1] > LARGEST:
+        raise ValueError(f"mask: got {offsets[-1]} runs; wanted {LARGEST} at most: smaller tiles")
     starts, stops = (np.empty(offsets[-1], np.int32) for _ in range(2))
     if len(starts):
         slabs(given.shape[0], planes, lambda a, b: _scan(given, a, b, offsets, starts, stops))
@@ -245,8 +347,71 @@ def _settle(parent):
 
 
 @kernel
-def _paint(offsets, starts, stops, labels, first, last, rows):
-    for row in range(first, last):
+def _paint(offsets, starts, stops, labels, rows, first, out):
+    """Write the labels of rows, from voxel ``first`` on, as many as ``out`` is wide."""
+    for r in range(len(rows)):
+        for run in range(offsets[rows[r]], offsets[rows[r] + 1]):
+            for k in range(max(starts[run] - first, 0), min(stops[run] - first, out.shape[1])):
+                out[r, k] = labels[run] + 1
+
+
+@kernel
+def _weigh(offsets, starts, stops, labels, shape, first, sizes):
+    for i in range(first[0], shape[0]):
+        for j in range(first[1], shape[1]):
+            row = i * shape[1] + j
+            for run in range(offsets[row], offsets[row + 1]):
+                sizes[labels[run]] += max(0, stops[run] - max(starts[run], first[2]))
+
+
+@kernel
+def _touch(offsets, starts, stops, labels, rows, found):
+    for row in range(len(rows)):
         for run in range(offsets[row], offsets[row + 1]):
             for k in range(starts[run], stops[run]):
-                rows[row, k] = labels[run] + 1
+                found[labels[run]] |= rows[row, k]
+
+
+@kernel
+def _unite(voxels, owners, turns, parent, places, sizes, marks, around):
+    """Join the owners of equal voxels in a forest; places are from the parent, roots are first."""
+    for s in range(1, len(voxels)):
+        if voxels[s] != voxels[s - 1]:
+            continue
+        a, b = owners[s - 1], owners[s]
+        x = turns[s - 1, 0] - turns[s, 0]
+        y = turns[s - 1, 1] - turns[s, 1]
+        z = turns[s - 1, 2] - turns[s, 2]
+        while parent[a] != a:
+            places[a] += places[parent[a]]
+            parent[a] = parent[parent[a]]
+            x, y, z = x + places[a, 0], y + places[a, 1], z + places[a, 2]
+            a = parent[a]
+        while parent[b] != b:
+            places[b] += places[parent[b]]
+            parent[b] = parent[parent[b]]
+            x, y, z = x - places[b, 0], y - places[b, 1], z - places[b, 2]
+            b = parent[b]
+        if a == b:
+            marks[a] |= around * ((x != 0) + 2 * (y != 0) + 4 * (z != 0))
+            continue
+        if b < a:
+            a, b, x, y, z = b, a, -x, -y, -z
+        parent[b] = a
+        places[b, 0], places[b, 1], places[b, 2] = x, y, z
+        sizes[a] += sizes[b]
+        marks[a] |= marks[b]
+
+
+@kernel
+def _number(parent, places, numbers):
+    """Number the roots and give their number to all below; places become those from the root."""
+    count = 0
+    for one in range(len(parent)):
+        above = parent[one]
+        if above == one:
+            numbers[one] = count
+            count += 1
+        else:  # what is above comes before and is done
+            numbers[one] = numbers[above]
+            places[one] += places[above]

@@ -1,4 +1,4 @@
-"""How the bytes of a grid are spread: which fills lie in which bulk, and where solid meets void."""
+"""How the bytes of a grid are spread: which fills lie in which bulk, where solid meets void."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ SLAB = 1 << 24
 _NO_BULK = np.zeros((0, 0, 0), np.uint8)
 
 
-def tile_fills(
+def block_fills(
     fill: NDArray[np.uint8],
     bulk: NDArray[np.uint8] | None,
-    start: Index,
-    stop: Index,
     *,
-    periodic: Axes = (False, False, False),
+    below: Axes,
+    above: Axes,
     progress: Progress | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Count the fills of the tile ``start`` … ``stop`` (not within) of a grid.
+    """Count the fills of a block of voxels.
 
     Parameters
     ----------
     fill
-        uint8, shape (x, y, z): the whole grid; one voxel below the tile is read.
+        uint8, shape (x, y, z).
     bulk
         uint8 of that shape, or None where all is bulk.
-    start, stop
-        First voxel, and the one after the last, per axis.
-    periodic
-        Axes along which the grid closes on itself; else it lies in void.
+    below
+        Axes along which the block's first layer is only looked at, as the one below a tile; along
+        the others the block begins with void.
+    above
+        Axes along which void follows on the block.
     progress
         Called as ``progress(done, count)`` in planes along x.
 
@@ -52,27 +52,61 @@ def tile_fills(
     histogram
         int64, shape (256, 256): number of voxels by fill and bulk.
     jumps
-        int64, shape (3, longest + 1): number of voxel faces between fill 255 and fill 0 (or the
-        void beyond the grid), by axis and lattice plane: plane i lies below voxel i.
+        int64, shape (3, longest + 1): number of voxel faces between fill 255 and fill 0 (or void),
+        by axis and lattice plane: plane i lies below voxel i of the block.
     """
     given = source(fill, np.uint8)
     body = source(_NO_BULK if bulk is None else bulk, np.uint8)
+    start, stop = [int(axis) for axis in below], fill.shape
     count = stop[0] - start[0]
-    planes = max(1, SLAB // ((stop[1] - start[1]) * (stop[2] - start[2])))
+    planes = max(1, SLAB // (stop[1] * stop[2]))
     parts = -(-count // planes)
     histogram = np.zeros((parts, 256, 1 if bulk is None else 256), np.int64)
     jumps = np.zeros((parts, 3, max(fill.shape) + 1), np.int64)
-    wraps = np.array(periodic, np.int64)
+    void_above = np.array(above, np.int64)
     void = source(np.zeros(fill.shape[2]), np.uint8)
 
     def work(a, b):
         ends = np.array([[start[0] + a, *start[1:]], [start[0] + b, *stop[1:]]], np.int64)
-        _survey(given, body, ends, wraps, void, histogram[a // planes], jumps[a // planes])
+        _survey(given, body, ends, void_above, void, histogram[a // planes], jumps[a // planes])
 
     slabs(count, planes, work, progress)
     result = np.zeros((256, 256), np.int64)
     result[:, 255 if bulk is None else slice(None)] = histogram.sum(axis=0).squeeze()
     return result, jumps.sum(axis=0)
+
+
+def pooled(
+    fill: NDArray[np.uint8],
+    first: Index,
+    factor: int,
+    *,
+    progress: Progress | None = None,
+) -> NDArray[np.uint8]:
+    """Return the largest fill in every box of ``factor``³ voxels.
+
+    Parameters
+    ----------
+    fill
+        uint8, shape (x, y, z): a block of a grid.
+    first
+        Place of its first voxel in the grid; boxes are counted from the grid's first voxel.
+    factor
+        Edge of a box in voxels.
+    progress
+        Called as ``progress(done, count)`` in boxes along x.
+
+    Returns
+    -------
+    uint8: one per box that the block has a voxel of.
+    """
+    given = source(fill, np.uint8)
+    phase = np.array([a % factor for a in first], np.int64)
+    shape = [-(-(n + p) // factor) for n, p in zip(fill.shape, phase, strict=True)]
+    result = np.zeros(shape, np.uint8)
+    planes = max(1, SLAB // (factor * fill.shape[1] * fill.shape[2]))
+    slabs(len(result), planes, lambda a, b: _pool(given, phase, factor, a, b, result), progress)
+    return result
 
 
 @kernel
@@ -90,7 +124,7 @@ def _sharp(one, other, counts):
 
 
 @kernel
-def _survey(fill, bulk, ends, wraps, void, histogram, jumps):
+def _survey(fill, bulk, ends, above, void, histogram, jumps):
     """Add the voxels between ``ends`` to the histogram and their sharp faces to ``jumps``."""
     nx, ny, nz = fill.shape
     a, b = ends[0, 2], ends[1, 2]
@@ -98,24 +132,18 @@ def _survey(fill, bulk, ends, wraps, void, histogram, jumps):
     for i in range(ends[0, 0], ends[1, 0]):
         for j in range(ends[0, 1], ends[1, 1]):
             row = fill[i, j, a:b]
-            left = void[a:b] if i == 0 and not wraps[0] else fill[i - 1, j, a:b]
-            front = void[a:b] if j == 0 and not wraps[1] else fill[i, j - 1, a:b]
+            left = void[a:b] if i == 0 else fill[i - 1, j, a:b]
+            front = void[a:b] if j == 0 else fill[i, j - 1, a:b]
             jumps[0, i] += _sharp(row, left, none)
             jumps[1, j] += _sharp(row, front, none)
-            if i == nx - 1 and not wraps[0]:
+            if i == nx - 1 and above[0]:
                 jumps[0, nx] += _sharp(row, void[a:b], none)
-            if j == ny - 1 and not wraps[1]:
+            if j == ny - 1 and above[1]:
                 jumps[1, ny] += _sharp(row, void[a:b], none)
-            below = row[:1]
-            if a > 0:
-                below = fill[i, j, a - 1 : a]
-            elif wraps[2]:
-                below = fill[i, j, nz - 1 :]
-            else:
-                below = void[:1]
+            below = fill[i, j, a - 1 : a] if a > 0 else void[:1]
             jumps[2, a] += _sharp(row[:1], below, none)
             _sharp(row[1:], row[:-1], jumps[2, a + 1 : b])
-            if b == nz and not wraps[2]:
+            if above[2]:
                 jumps[2, nz] += _sharp(row[-1:], void[:1], none)
             if len(bulk):
                 for k in range(b - a):
@@ -123,3 +151,20 @@ def _survey(fill, bulk, ends, wraps, void, histogram, jumps):
             else:
                 for k in range(b - a):
                     histogram[row[k], 0] += 1
+
+
+@kernel
+def _pool(fill, phase, factor, first, last, out):
+    """Raise the boxes ``first`` … ``last`` (not within) along x to the largest fill in them."""
+    nx, ny, nz = fill.shape
+    for box in range(first, last):
+        for i in range(max(0, box * factor - phase[0]), min(nx, (box + 1) * factor - phase[0])):
+            for j in range(ny):
+                row = fill[i, j]
+                target = out[box, (j + phase[1]) // factor]
+                for c in range(len(target)):
+                    low = max(0, c * factor - phase[2])
+                    largest = target[c]
+                    for k in range(low, min(nz, (c + 1) * factor - phase[2])):
+                        largest = max(largest, row[k])
+                    target[c] = largest

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Axes = tuple[bool, bool, bool]
-    Index = tuple[int, int, int]
+    Beyond = tuple[str, ...]
     Progress = Callable[[int, int], None]
 
 _BITS = ((np.arange(256)[:, None] >> np.arange(8)) & 1).astype(bool)
@@ -146,42 +146,40 @@ def window_histogram(
     -------
     int64, shape (256,): how often each window occurs; see ``FUNCTIONALS``.
     """
-    return tile_histogram(fill, (0, 0, 0), fill.shape, periodic=periodic, progress=progress)
+    below, above = (tuple(told if w else "void" for w in periodic) for told in ("last", "nothing"))
+    return block_histogram(fill, below=below, above=above, progress=progress)
 
 
-def tile_histogram(
+def block_histogram(
     fill: NDArray[np.uint8],
-    start: Index,
-    stop: Index,
     *,
-    periodic: Axes = (False, False, False),
-    beyond: str = "void",
+    below: Beyond,
+    above: Beyond,
     progress: Progress | None = None,
 ) -> NDArray[np.int64]:
-    """Count the windows of the tile ``start`` … ``stop`` (not within) of a grid.
+    """Count the windows of a block of voxels and of what lies next to it.
 
-    A tile has the lattice vertices at the lower corners of its voxels, and those at the upper end
-    of a grid in vacuum: tiles that fill the grid have every vertex once, so their counts add up.
+    A tile of a larger grid is counted with the layer below it as part of the block: tiles that
+    fill the grid then have every vertex of the lattice once, so that their counts add up.
 
     Parameters
     ----------
     fill
-        uint8, shape (x, y, z): the whole grid; one voxel beyond the tile's lower sides is read.
-    start, stop
-        First voxel, and the one after the last, per axis.
-    periodic, progress
-        As in ``window_histogram``.
-    beyond
-        What lies outside the grid along axes that are not periodic: ``"void"``, or ``"nothing"``,
-        so that windows which look there are not counted.
+        uint8, shape (x, y, z).
+    below, above
+        What lies below and above the block, per axis: ``"nothing"``, so that windows which look
+        there are not counted; ``"void"``; below also ``"last"``, the block's last layer, on which
+        it closes; above also ``"again"``, one more layer like its last.
+    progress
+        Called as ``progress(done, count)`` in planes along x.
 
     Returns
     -------
     int64, shape (256,).
     """
     xs, ys, zs = (
-        _reach(first, last, n, wraps, beyond)
-        for first, last, n, wraps in zip(start, stop, fill.shape, periodic, strict=True)
+        np.array([*_BELOW[low](n), *range(n), *_ABOVE[high](n)], np.int64)
+        for low, high, n in zip(below, above, fill.shape, strict=True)
     )
     if min(len(xs), len(ys), len(zs)) < 2:
         return np.zeros(256, np.int64)
@@ -199,11 +197,8 @@ def tile_histogram(
     return result.sum(axis=0)
 
 
-def _reach(start, stop, n, wraps, beyond):
-    """Return the voxels that a tile's windows see along an axis; −1 is void."""
-    end = [-1] if beyond == "void" and not wraps else []
-    below = [start - 1] if start else ([n - 1] if wraps else end)
-    return np.array([*below, *range(start, stop), *(end if stop == n else [])], np.int64)
+_BELOW = {"nothing": lambda _: [], "void": lambda _: [-1], "last": lambda n: [n - 1]}
+_ABOVE = {"nothing": lambda _: [], "void": lambda _: [-1], "again": lambda n: [n - 1]}
 
 
 @kernel
@@ -213,7 +208,8 @@ def _pack(fill, xs, ys, zs, bits):
     Between its ends ``zs`` counts upwards by one; bits beyond it are clear.
     """
     length = len(zs)
-    # Only the ends may be void or wrapped; between them zs counts upwards.
+    end = length - 1
+    # Only the ends may be void or another layer; between them zs counts upwards.
     first = zs[1] - 1
     for i in range(len(xs)):
         for j in range(len(ys)):
@@ -224,10 +220,11 @@ def _pack(fill, xs, ys, zs, bits):
             line = fill[xs[i], ys[j]]
             if zs[0] >= 0:
                 row[0] = np.uint64(line[zs[0]] >> 7)
-            stop = length if zs[length - 1] >= 0 else length - 1
+            if zs[end] >= 0:
+                row[end >> 6] |= np.uint64(line[zs[end]] >> 7) << np.uint64(end & 63)
             for w in range((length + 63) // 64):
                 low = max(64 * w, 1)
-                high = min(64 * w + 64, stop)
+                high = min(64 * w + 64, end)
                 word = np.uint64(0)
                 for p in range(low, high):
                     word |= np.uint64(line[first + p] >> 7) << np.uint64(p - 64 * w)

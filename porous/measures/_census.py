@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import builtins
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from porous.kernels.fills import tile_fills
-from porous.kernels.windows import FUNCTIONALS, tile_histogram
-from porous.measures._connected import Phase, Pieces, joined
-from porous.measures._fold import fold, tiles_of
-from porous.values import VoxelGrid
+from porous.kernels.fills import block_fills
+from porous.kernels.windows import FUNCTIONALS, block_histogram
+from porous.measures._connected import Phase
+from porous.measures._fold import DEPTH, Block, Together, fold, layers_of, tiles_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from porous.measures._fold import Index, Tile
+    from porous.measures._connected import PieceCounts, Pieces
+    from porous.measures._fold import Count, Index, Map, Progress, Tile
     from porous.values import Frame
+    from porous.values.tiled import Tiled
+
+    Bytes = NDArray[np.uint8]
+    Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -32,55 +37,156 @@ class FillCounts:
     no sample has told. They are counted by axis and lattice plane, int64 (3, longest + 1).
     """
 
-    histogram: NDArray[np.int64]
-    jumps: NDArray[np.int64]
+    histogram: Ints
+    jumps: Ints
 
     def __add__(self, other: FillCounts) -> FillCounts:
         return FillCounts(self.histogram + other.histogram, self.jumps + other.jumps)
 
 
-def count_fills(grid: VoxelGrid, start: Index, stop: Index) -> FillCounts:
+def count_fills(source: Tiled, start: Index, stop: Index) -> FillCounts:
     """Count the fills of a tile; ``FillCounts`` add up."""
-    periodic = grid.frame.periodic
-    return FillCounts(*tile_fills(grid.fill, grid.bulk, start, stop, periodic=periodic))
+    return _fills_of(Block.of(source, start, stop), source.frame)
 
 
-def count_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[np.int64]:
+def count_bulk_fills(source: Tiled, start: Index, stop: Index) -> FillCounts:
+    """Count the voxels of a tile by how much of them is bulk, as if that were what is solid."""
+    block = Block.of(source, start, stop)
+    assert block.bulk is not None
+    return _fills_of(replace(block, fill=block.bulk, bulk=None), source.frame)
+
+
+def _fills_of(block: Block, frame: Frame) -> FillCounts:
+    owned = block.bulk
+    histogram, seen = block_fills(block.fill, owned, below=block.halo, above=block.ends)
+    jumps: Ints = np.zeros((3, max(frame.shape) + 1), np.int64)
+    for axis, below in enumerate(block.halo):
+        planes = seen[axis, int(below) : block.fill.shape[axis] + 1]
+        first = block.first[axis]
+        jumps[axis, first : first + len(planes)] = planes
+    return FillCounts(histogram, jumps)
+
+
+def count_windows(source: Tiled, start: Index, stop: Index) -> Ints:
     """Count the 2×2×2 windows of a tile, int64 (256,); histograms add up."""
-    result: NDArray[np.int64] = tile_histogram(grid.fill, start, stop, periodic=grid.frame.periodic)
-    return result
+    block = Block.of(source, start, stop)
+    return _histogram(block.fill, _told(block.halo, "nothing", "void"), _void(block.ends))
 
 
-def count_inner_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[np.int64]:
-    """Count the windows of a tile that lie inside the grid or across its periodic sides."""
-    result: NDArray[np.int64] = tile_histogram(
-        grid.fill, start, stop, periodic=grid.frame.periodic, beyond="nothing"
-    )
-    return result
+def count_continued_windows(source: Tiled, start: Index, stop: Index) -> Ints:
+    """Count the windows of a tile where the outermost voxels go on beyond the frame.
+
+    A window that looks below the frame is not counted, and one that looks above it finds the last
+    layer again.
+    """
+    block = Block.of(source, start, stop)
+    nothing = ("nothing", "nothing", "nothing")
+    return _histogram(block.fill, nothing, _told(block.ends, "again", "nothing"))
 
 
-def continued(grid: VoxelGrid) -> VoxelGrid:
-    """Return the grid with one more layer at its upper ends: the last again, or the next period."""
-    fill = grid.fill
-    for axis, wraps in enumerate(grid.frame.periodic):
-        width = [(0, int(a == axis)) for a in range(3)]
-        fill = np.pad(fill, width, mode="wrap" if wraps else "edge")
-    frame = replace(grid.frame, shape=fill.shape, periodic=(False, False, False))
-    return VoxelGrid(frame, fill, sampling=grid.sampling)
-
-
-def count_coarse_windows(grid: VoxelGrid, start: Index, stop: Index) -> NDArray[np.int64]:
+def count_coarse_windows(source: Tiled, start: Index, stop: Index) -> Ints:
     """Count the windows of every other voxel along each axis, in all eight ways to choose them."""
-    total: NDArray[np.int64] = np.zeros(256, np.int64)
-    for phase in product((0, 1), repeat=3):
-        chosen = grid.fill[tuple(slice(first, None, 2) for first in phase)]
-        a, b = (
-            tuple((end - first + 1) // 2 for end, first in zip(ends, phase, strict=True))
-            for ends in (start, stop)
-        )
-        if all(low < high for low, high in zip(a, b, strict=True)):
-            total += tile_histogram(chosen, a, b, periodic=grid.frame.periodic)  # type: ignore[arg-type]
+    axes = [
+        _Coarse.of(a, b, n, wraps)
+        for a, b, n, wraps in zip(start, stop, *_lattice(source.frame), strict=True)
+    ]
+    fill, _ = layers_of(source, [axis.layers for axis in axes])
+    total: Ints = np.zeros(256, np.int64)
+    for ways in product(*(axis.ways for axis in axes)):
+        chosen = fill[tuple(slice(way.first, None, 2) for way in ways)]
+        below, above = (tuple(way.below for way in ways), tuple(way.above for way in ways))
+        total += _histogram(chosen, below, above)
     return total
+
+
+def count_caps(source: Tiled, start: Index, stop: Index) -> Ints:
+    """Count the solid voxel faces of a tile on the frame's border, int64 (3,), by their axis."""
+    fill, _ = source.block(start, stop)
+    counts: Ints = np.zeros(3, np.int64)
+    for axis, (n, wraps) in enumerate(zip(*_lattice(source.frame), strict=True)):
+        for at_border, layer in ((start[axis] == 0, 0), (stop[axis] == n, -1)):
+            if at_border and not wraps:
+                counts[axis] += np.count_nonzero(fill.take(layer, axis=axis) >= 128)
+    return counts
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The outermost layers that hold bulk, per axis; of nothing the first is above the last."""
+
+    first: Index
+    last: Index
+
+    def __add__(self, other: Extent) -> Extent:
+        return Extent(
+            tuple(map(min, self.first, other.first)),  # type: ignore[arg-type]
+            tuple(map(max, self.last, other.last)),  # type: ignore[arg-type]
+        )
+
+
+def find_bulk(source: Tiled, start: Index, stop: Index) -> Extent:
+    """Find the outermost layers of a tile that hold a voxel at least half in the bulk."""
+    bulk = source.block(start, stop)[1]
+    assert bulk is not None
+    body = bulk >= 128
+    found = [np.flatnonzero(body.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))]
+    if not len(found[0]):
+        return Extent(source.frame.shape, (0, 0, 0))
+    first, last = ([int(a + f[end]) for a, f in zip(start, found, strict=True)] for end in (0, -1))
+    return Extent(tuple(first), tuple(last))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class _Way:
+    """One of the two ways to choose every other layer of a block, and what is next to them."""
+
+    first: int
+    below: str
+    above: str
+
+
+@dataclass(frozen=True)
+class _Coarse:
+    """The layers of a tile and the two below it, and the ways to choose every other of them.
+
+    Along a periodic axis each way closes on itself, whatever the number of layers.
+    """
+
+    layers: tuple[int, ...]
+    ways: tuple[_Way, ...]
+
+    @classmethod
+    def of(cls, start: int, stop: int, n: int, wraps: bool) -> _Coarse:  # noqa: FBT001
+        seen = [v for v in range(start - DEPTH, stop) if v >= 0 or wraps]
+        # Below the first layers are the last of the same way; of one layer there is but one way.
+        layers = [v if v >= 0 else max(0, n - 1 - (n - 1 - v) % 2) for v in seen]
+        ways = []
+        for chosen in (start, start + 1):
+            if chosen >= stop:
+                continue
+            below = "nothing" if chosen - 2 >= seen[0] else "void"
+            last = chosen + (stop - 1 - chosen) // 2 * 2
+            above = "void" if last + 2 >= n and not wraps else "nothing"
+            first = chosen if below == "void" else chosen - 2
+            ways.append(_Way(first - seen[0], below, above))
+        return cls(tuple(layers), tuple(ways))
+
+
+def _lattice(frame: Frame) -> tuple[Index, tuple[bool, bool, bool]]:
+    return frame.shape, frame.periodic
+
+
+def _told(axes: Sequence[bool], yes: str, no: str) -> tuple[str, ...]:
+    return tuple(yes if axis else no for axis in axes)
+
+
+def _void(axes: Sequence[bool]) -> tuple[str, ...]:
+    return _told(axes, "void", "nothing")
+
+
+def _histogram(fill: Bytes, below: tuple[str, ...], above: tuple[str, ...]) -> Ints:
+    result: Ints = block_histogram(fill, below=below, above=above)
+    return result
 
 
 class Census:
@@ -88,79 +194,134 @@ class Census:
 
     Parameters
     ----------
-    grid
-        The body.
+    source
+        The body: a grid, or anything that gives out boxes of one.
     tiles
-        Boxes of voxels that fill it; slabs of its own choice where not given. The counts do not
+        Boxes of voxels that fill it; such of its own choice where not given. The counts do not
         depend on them.
     sampled
         Whether the bulk was sampled at the 64 points of a fill, as that of a model with a bulk of
         its own is; else it is taken for exact.
+    map
+        How tiles are counted; see ``fold``.
     """
 
     def __init__(
-        self, grid: VoxelGrid, *, tiles: Sequence[Tile] | None = None, sampled: bool = False
+        self,
+        source: Tiled,
+        *,
+        tiles: Sequence[Tile] | None = None,
+        sampled: bool = False,
+        map: Map = builtins.map,  # noqa: A002
     ) -> None:
-        self.grid = grid
-        self.sampled = sampled and grid.bulk is not None
-        self.tiles = tiles_of(grid.frame.shape) if tiles is None else tuple(tiles)
-        self._pieces: dict[Phase, Pieces] = {}
+        self.source = source
+        self.has_bulk = source.block((0, 0, 0), (1, 1, 1))[1] is not None
+        self.sampled = sampled and self.has_bulk
+        self.tiles = tiles_of(source.frame.shape) if tiles is None else tuple(tiles)
+        self._map = map
+        self._sums: dict[Count, Any] = {}
 
     @property
     def frame(self) -> Frame:
         """The grid's frame."""
-        return self.grid.frame
+        return self.source.frame
 
-    @cached_property
+    def take(self, counts: Sequence[Count], progress: Progress | None = None) -> None:
+        """Take counts that were not taken yet, all in one pass over the tiles."""
+        wanted = tuple(count for count in dict.fromkeys(counts) if count not in self._sums)
+        if wanted:
+            together = Together(wanted)
+            sums = fold(together, self.source, self.tiles, map=self._map, progress=progress)
+            self._sums.update(zip(wanted, sums.of, strict=True))
+
+    def counted(self, count: Callable[[Tiled, Index, Index], Any]) -> Any:
+        """Return a count of the whole grid."""
+        self.take((count,))
+        return self._sums[count]
+
+    @property
     def fills(self) -> FillCounts:
         """Voxels by fill and bulk."""
-        return fold(count_fills, self.grid, self.tiles)
+        result: FillCounts = self.counted(count_fills)
+        return result
 
-    @cached_property
+    @property
     def bulk_fills(self) -> FillCounts:
         """Voxels by how much of them is bulk, as ``fills`` counts what is solid of them."""
-        assert self.grid.bulk is not None
-        return fold(count_fills, replace(self.grid, fill=self.grid.bulk, bulk=None), self.tiles)
+        result: FillCounts = self.counted(count_bulk_fills)
+        return result
 
-    @cached_property
-    def windows(self) -> NDArray[np.int64]:
+    @property
+    def windows(self) -> Ints:
         """Windows of the solid in vacuum or periodic space."""
-        return fold(count_windows, self.grid, self.tiles)
+        result: Ints = self.counted(count_windows)
+        return result
 
-    @cached_property
-    def continued_windows(self) -> NDArray[np.int64]:
+    @property
+    def continued_windows(self) -> Ints:
         """Windows of the solid where the outermost voxels go on beyond the frame.
 
         As many as there are voxels, so that each direction has as many pairs: faces that end at
         the frame are seen as large as they are, and the frame's own sides not at all.
         """
-        grid = continued(self.grid)
-        return fold(count_inner_windows, grid, tiles_of(grid.frame.shape))
+        result: Ints = self.counted(count_continued_windows)
+        return result
 
-    @cached_property
-    def coarse_windows(self) -> NDArray[np.int64]:
+    @property
+    def coarse_windows(self) -> Ints:
         """Windows of the solid at twice the spacing, eight times as many as one such grid has."""
-        return fold(count_coarse_windows, self.grid, self.tiles)
+        result: Ints = self.counted(count_coarse_windows)
+        return result
+
+    @property
+    def caps(self) -> Ints:
+        """Solid voxel faces on the frame's border across x, y and z, where it is not periodic."""
+        result: Ints = self.counted(count_caps)
+        return result
+
+    def take_all(self, others: Sequence[Count], progress: Progress | None = None) -> None:
+        """Take all that rows of a grid are made of, and others, in one pass where that can be.
+
+        Where there is a bulk, one before it tells where that begins and ends.
+        """
+        passes = 1 + self.has_bulk
+
+        def report(number: int) -> Progress | None:
+            if progress is None:
+                return None
+            return lambda done, count: progress(number * count + done, passes * count)
+
+        if self.has_bulk:
+            self.take((find_bulk,), report(0))
+        of_sampled = (count_bulk_fills,) if self.sampled else (count_caps, count_continued_windows)
+        phases = [
+            self.phase(solid=solid, connectivity=connectivity, in_bulk=in_bulk)
+            for solid, in_bulk in ((True, False), (False, True), (False, False))
+            for connectivity in (6, 26)
+            if solid or in_bulk or not any(self.frame.periodic)
+        ]
+        counts = (count_fills, count_windows, count_coarse_windows, *of_sampled, *phases, *others)
+        self.take(counts, report(passes - 1))
 
     def number(self, functional: str) -> int:
         """Return one of ``kernels.windows.FUNCTIONALS`` of the solid."""
         return int(self.windows @ FUNCTIONALS[functional])
 
+    def phase(self, *, solid: bool, connectivity: int, in_bulk: bool = False) -> Phase:
+        """Return what counts the connected components of a phase."""
+        extent = self._bulk_extent
+        return Phase(solid, connectivity, in_bulk and self.has_bulk, extent.first, extent.last)
+
     def pieces(self, *, solid: bool, connectivity: int, in_bulk: bool = False) -> Pieces:
         """Return the connected components of a phase."""
-        phase = Phase(solid, connectivity, in_bulk, *self._bulk_layers)
-        if phase not in self._pieces:
-            counts = fold(phase.count, self.grid, self.tiles)
-            self._pieces[phase] = joined(counts)
-        return self._pieces[phase]
+        phase = self.phase(solid=solid, connectivity=connectivity, in_bulk=in_bulk)
+        counts: PieceCounts = self.counted(phase)
+        return counts.pieces
 
     @cached_property
-    def _bulk_layers(self) -> tuple[Index, Index]:
+    def _bulk_extent(self) -> Extent:
         nx, ny, nz = self.frame.shape
-        if self.grid.bulk is None:
-            return (0, 0, 0), (nx - 1, ny - 1, nz - 1)
-        body = self.grid.bulk >= 128
-        found = [np.flatnonzero(body.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))]
-        first = tuple(int(layers[0]) if len(layers) else 0 for layers in found)
-        last = tuple(int(layers[-1]) if len(layers) else 0 for layers in found)
-        return first, last  # type: ignore[return-value]
+        if not self.has_bulk:
+            return Extent((0, 0, 0), (nx - 1, ny - 1, nz - 1))
+        extent: Extent = self.counted(find_bulk)
+        return extent if extent.first <= extent.last else Extent((0, 0, 0), (0, 0, 0))

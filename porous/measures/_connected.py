@@ -1,4 +1,9 @@
-"""Connected pores and solids of a grid, counted tile by tile and joined where tiles overlap."""
+"""Connected pores and solids of a grid, counted tile by tile and joined where tiles overlap.
+
+What of a tile can still be joined is the voxels that other tiles see too. Once all of a voxel's
+tiles have been added it is forgotten, and so is a piece with no such voxel left, but for its size
+and what it touches: a sum takes no more memory than its border.
+"""
 
 from __future__ import annotations
 
@@ -7,43 +12,104 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.kernels.components import label
+from porous.kernels.components import label_runs, layer_labels, sizes_from, touching, unite
+from porous.measures._fold import Block
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
+    from porous.kernels.components import Runs
     from porous.measures._fold import Index
-    from porous.values import VoxelGrid
+    from porous.values import Frame
+    from porous.values.tiled import Tiled
 
     Bools = NDArray[np.bool_]
+    Bytes = NDArray[np.uint8]
     Ints = NDArray[np.int64]
+
+LOW, HIGH, OUTSIDE, ENDLESS = 1, 8, 64, 128
+"""Marks of a piece, bit by bit; all but ``OUTSIDE`` are of x, and twice and four times that of y
+and z."""
+
+SIGHTINGS = 8
+"""Tiles that may see a voxel, counted as the lattice vertices about it; see ``_Sightings``."""
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """The connected components of one phase.
+    """Connected components of one phase, those of one kind together.
 
     Parameters
     ----------
     sizes
         Number of voxels of each, int64, shape (n,).
-    low, high
-        bool, shape (n, 3): whether it reaches the first and the last layer of the bulk, per axis
-        that is not periodic.
-    outside
-        bool, shape (n,): whether it touches the outside (the border of the frame along an axis
-        that is not periodic, or void that is not of the bulk).
-    endless
-        bool, shape (n, 3): whether it winds around a periodic axis and so never ends.
+    marks
+        What each touches, int64, shape (n,): see ``low``, ``high``, ``outside``, ``endless``.
+    counts
+        How many there are of that size and those marks, int64, shape (n,).
     """
 
     sizes: Ints
-    low: Bools
-    high: Bools
-    outside: Bools
-    endless: Bools
+    marks: Ints
+    counts: Ints
+
+    @classmethod
+    def none(cls) -> Pieces:
+        """Return no pieces."""
+        return cls(*(np.zeros(0, np.int64) for _ in range(3)))
+
+    def __add__(self, other: Pieces) -> Pieces:
+        sizes, marks, counts = (
+            np.concatenate(both)
+            for both in (
+                (self.sizes, other.sizes),
+                (self.marks, other.marks),
+                (self.counts, other.counts),
+            )
+        )
+        order = np.lexsort((sizes, marks))
+        sizes, marks, counts = sizes[order], marks[order], counts[order]
+        differs = (np.diff(sizes, prepend=-1) != 0) | (np.diff(marks, prepend=-1) != 0)
+        first = np.flatnonzero(differs)
+        if not len(first):
+            return self
+        return Pieces(sizes[first], marks[first], np.add.reduceat(counts, first))
+
+    @property
+    def number(self) -> int:
+        """How many pieces there are."""
+        return int(self.counts.sum())
+
+    @property
+    def voxels(self) -> Ints:
+        """Number of voxels in all pieces of each kind, int64, shape (n,)."""
+        return self.sizes * self.counts
+
+    @property
+    def low(self) -> Bools:
+        """Whether each reaches the bulk's first layer, per axis without period, shape (n, 3)."""
+        return self._marked(LOW)
+
+    @property
+    def high(self) -> Bools:
+        """Whether each reaches the bulk's last layer, per axis without period, shape (n, 3)."""
+        return self._marked(HIGH)
+
+    @property
+    def outside(self) -> Bools:
+        """Whether each touches the outside, bool, shape (n,).
+
+        That is the border of the frame along an axis that is not periodic, or void that is not of
+        the bulk.
+        """
+        return np.asarray(self.marks & OUTSIDE != 0)
+
+    @property
+    def endless(self) -> Bools:
+        """Whether each winds around a periodic axis and so never ends, bool, shape (n, 3)."""
+        return self._marked(ENDLESS)
 
     @property
     def through(self) -> Bools:
@@ -55,30 +121,121 @@ class Pieces:
         """Whether each is joined with the outside, or goes on without end."""
         return np.asarray(self.outside | self.endless.any(axis=1))
 
+    def _marked(self, first: int) -> Bools:
+        return np.asarray(self.marks[:, None] & (first << np.arange(3)) != 0)
+
+
+@dataclass(frozen=True)
+class _Sightings:
+    """Voxels that several tiles see, and which piece each tile found there.
+
+    ``voxels`` are their numbers in the whole grid, int64, shape (m,), ascending; ``owners`` the
+    pieces; ``turns``, shape (m, 3), how many periods off the grid the tile saw them. The tile
+    that a voxel is of sees it, and so does every one that has a voxel above it, along one or more
+    axes: each of the eight lattice vertices about it belongs to one tile's block. ``weights``
+    says how many of them a sighting has; with ``SIGHTINGS`` of them no other tile sees the voxel.
+    """
+
+    voxels: Ints
+    owners: Ints
+    turns: NDArray[np.int32]
+    weights: NDArray[np.int8]
+
+    def __len__(self) -> int:
+        return len(self.voxels)
+
+    def __getitem__(self, chosen: Ints | Bools) -> _Sightings:
+        return _Sightings(
+            self.voxels[chosen], self.owners[chosen], self.turns[chosen], self.weights[chosen]
+        )
+
+    def beside(self, other: _Sightings, first: int) -> _Sightings:
+        """Return both, in order; the other's pieces are numbered from ``first`` on."""
+        later = _Sightings(other.voxels, other.owners + first, other.turns, other.weights)
+        return _Sightings.of([self, later])
+
+    @classmethod
+    def of(cls, parts: Sequence[_Sightings]) -> _Sightings:
+        """Return all of them, in order; of no parts there are none."""
+        parts = [
+            cls(
+                np.zeros(0, np.int64),
+                np.zeros(0, np.int64),
+                np.zeros((0, 3), np.int32),
+                np.zeros(0, np.int8),
+            ),
+            *parts,
+        ]
+        voxels, owners, turns, weights = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("voxels", "owners", "turns", "weights")
+        )
+        return cls(voxels, owners, turns, weights)[np.argsort(voxels, kind="stable")]
+
+    def unfinished(self) -> _Sightings:
+        """Return one sighting of each voxel that other tiles see too; all have one owner."""
+        if not len(self):
+            return self
+        first = np.flatnonzero(np.diff(self.voxels, prepend=-1))
+        weights = np.add.reduceat(self.weights, first)
+        left = weights < SIGHTINGS
+        kept = self[first[left]]
+        return _Sightings(kept.voxels, kept.owners, kept.turns, weights[left])
+
 
 @dataclass(frozen=True)
 class PieceCounts:
-    """Components of a tile and what is needed to join them with those of other tiles.
+    """Pieces of some tiles, and what is needed to join them with those of others.
 
-    ``flags`` are, per component, low x y z, high x y z, outside. The voxels in which tiles overlap
-    are listed by their number in the whole grid (``voxels``), the component they are of
-    (``owners``) and how many periods off the grid the tile saw them (``turns``).
+    ``done`` are those that no other tile sees. The others have ``sizes`` and ``marks``, int64,
+    shape (n,), and voxels that others see.
     """
 
+    done: Pieces
     sizes: Ints
-    flags: Bools
-    voxels: Ints
-    owners: Ints
-    turns: Ints
+    marks: Ints
+    seen: _Sightings
 
     def __add__(self, other: PieceCounts) -> PieceCounts:
-        return PieceCounts(
+        return _joined(
+            self.done + other.done,
             np.concatenate([self.sizes, other.sizes]),
-            np.concatenate([self.flags, other.flags]),
-            np.concatenate([self.voxels, other.voxels]),
-            np.concatenate([self.owners, other.owners + len(self.sizes)]),
-            np.concatenate([self.turns, other.turns]),
+            np.concatenate([self.marks, other.marks]),
+            self.seen.beside(other.seen, len(self.sizes)),
         )
+
+    @property
+    def pieces(self) -> Pieces:
+        """The pieces of the whole grid.
+
+        Raises
+        ------
+        ValueError
+            Where the tiles that were added do not fill it.
+        """
+        if len(self.seen):
+            raise ValueError("tiles: got some that do not fill the grid; wanted each voxel once")
+        return self.done
+
+
+def _joined(done: Pieces, sizes: Ints, marks: Ints, seen: _Sightings) -> PieceCounts:
+    """Join pieces that share a voxel, and put away those that no other tile sees.
+
+    Each piece has a place in the plane unrolled along the periodic axes; where walking around by
+    overlaps leads back to it at another place, it winds around, and never ends.
+    """
+    turns = seen.turns.astype(np.int64)
+    one = unite(seen.voxels, seen.owners, turns, sizes, marks, around=ENDLESS)
+    placed = turns + one.places[seen.owners]
+    left = _Sightings(
+        seen.voxels, one.numbers[seen.owners], placed.astype(np.int32), seen.weights
+    ).unfinished()
+    again = np.zeros(len(one.sizes), bool)
+    again[left.owners] = True
+    alone = Pieces(one.sizes[~again], one.marks[~again], np.ones((~again).sum(), np.int64))
+    numbers = np.cumsum(again) - 1
+    left = _Sightings(left.voxels, numbers[left.owners], left.turns, left.weights)
+    return PieceCounts(done + alone, one.sizes[again], one.marks[again], left)
 
 
 @dataclass(frozen=True)
@@ -94,162 +251,78 @@ class Phase:
     first: Index
     last: Index
 
-    def count(self, grid: VoxelGrid, start: Index, stop: Index) -> PieceCounts:
-        """Count the components of the tile ``start`` … ``stop`` (not within)."""
-        block = _Block.of(grid, start, stop)
+    def __call__(self, source: Tiled, start: Index, stop: Index) -> PieceCounts:
+        """Count the pieces of the tile ``start`` … ``stop`` (not within)."""
+        block = Block.of(source, start, stop)
         mask = self._mask(block)
-        labels, total = label(mask, self.connectivity)
-        owned = labels[block.owned]
-        flags = np.zeros((total + 1, 7), bool)
-        for axis in (a for a in range(3) if not grid.frame.periodic[a]):
-            for flag, layer in ((axis, self.first[axis]), (axis + 3, self.last[axis])):
-                flags[_layer(owned, axis, layer - start[axis]), flag] = True
-        flags[self._touching_outside(block, mask, labels), 6] = True
-        sizes = np.bincount(owned.ravel(), minlength=total + 1)
-        voxels, owners, turns = block.overlap(labels)
-        return PieceCounts(sizes[1:], flags[1:], voxels, owners, turns)
+        runs = label_runs(mask, self.connectivity)
+        sizes = sizes_from(runs, mask.shape, tuple(map(int, block.halo)))  # type: ignore[arg-type]
+        marks: Ints = np.zeros(runs.total, np.int64)
+        for mark, axis, layer in self._marked_layers(block, source.frame):
+            labels = layer_labels(runs, mask.shape, axis, layer)
+            marks[labels[labels > 0] - 1] |= mark
+        if self.in_bulk and block.bulk is not None:
+            beyond = (block.fill < 128) & (block.bulk < 128)
+            marks[touching(runs, _grown(beyond))] |= OUTSIDE
+        seen = _Sightings.of(list(_shared_layers(block, source.frame, runs)))
+        return _joined(Pieces.none(), sizes, marks, seen)
 
-    def _mask(self, block: _Block) -> Bools:
+    def _mask(self, block: Block) -> Bools:
         phase = (block.fill >= 128) == self.solid
         if self.in_bulk and block.bulk is not None:
             phase &= block.bulk >= 128
         return np.asarray(phase)
 
-    def _touching_outside(self, block: _Block, mask: Bools, labels: NDArray[np.int32]) -> Ints:
-        found = [_layer(labels, *border).ravel() for border in block.borders]
-        if self.in_bulk and block.bulk is not None:
-            beyond = (block.fill < 128) & (block.bulk < 128)
-            found.append(labels[_grown(beyond) & mask])
-        return np.unique(np.concatenate(found)) if found else np.zeros(0, np.int64)
+    def _marked_layers(self, block: Block, frame: Frame) -> Iterator[tuple[int, int, int]]:
+        """Yield a mark, and the layer of the block, by axis and place, that gives it to pieces."""
+        for axis in (a for a in range(3) if not frame.periodic[a]):
+            n = block.fill.shape[axis]
+            for mark, layer in ((LOW, self.first[axis]), (HIGH, self.last[axis])):
+                place = layer - block.first[axis] + block.halo[axis]
+                if block.halo[axis] <= place < n:
+                    yield mark << axis, axis, place
+            if not block.halo[axis]:
+                yield OUTSIDE, axis, 0
+            if block.ends[axis]:
+                yield OUTSIDE, axis, n - 1
 
 
-@dataclass(frozen=True)
-class _Block:
-    """A tile with the layer below it, where there is one."""
-
-    fill: NDArray[np.uint8]
-    bulk: NDArray[np.uint8] | None
-    seen: tuple[Ints, Ints, Ints]
-    """Index of each layer of the block, per axis; −1 and below are turned around."""
-    shape: Index
-    owned: tuple[slice, slice, slice]
-    borders: tuple[tuple[int, int], ...]
-    shared: tuple[tuple[int, int], ...]
-
-    @classmethod
-    def of(cls, grid: VoxelGrid, start: Index, stop: Index) -> _Block:
-        shape, wraps = grid.frame.shape, grid.frame.periodic
-        halo = [a > 0 or w for a, w in zip(start, wraps, strict=True)]
-        seen = tuple(np.arange(a - h, b) for a, b, h in zip(start, stop, halo, strict=True))
-        borders = [(axis, 0) for axis in range(3) if not halo[axis]]
-        shared = [(axis, 0) for axis in range(3) if halo[axis]]
-        for axis in range(3):
-            at_end = stop[axis] == shape[axis] and not wraps[axis]
-            (borders if at_end else shared).append((axis, len(seen[axis]) - 1))
-        bulk = None if grid.bulk is None else _taken(grid.bulk, seen)
-        owned = tuple(slice(int(h), None) for h in halo)
-        return cls(
-            _taken(grid.fill, seen),
-            bulk,
-            seen,  # type: ignore[arg-type]
-            shape,
-            owned,  # type: ignore[arg-type]
-            tuple(borders),
-            tuple(shared),
-        )
-
-    def overlap(self, labels: NDArray[np.int32]) -> tuple[Ints, Ints, Ints]:
-        """Return number, component and turns of the set voxels that another block may see."""
-        parts = list(self._overlaps(labels))
-        voxels, owners, turns = zip(*parts, strict=True) if parts else ([], [], [])
-        return (
-            np.concatenate([np.zeros(0, np.int64), *voxels]),
-            np.concatenate([np.zeros(0, np.int64), *owners]),
-            np.concatenate([np.zeros((0, 3), np.int64), *turns]),
-        )
-
-    def _overlaps(self, labels: NDArray[np.int32]) -> Iterator[tuple[Ints, Ints, Ints]]:
-        for axis, layer in self.shared:
-            seen = [np.asarray(s[[layer]] if a == axis else s) for a, s in enumerate(self.seen)]
-            part = _layer(labels, axis, layer)
-            where = np.nonzero(part)
-            place = np.stack([s[w] for s, w in zip(seen, where, strict=True)], axis=1)
-            turns, index = np.divmod(place, self.shape)
-            yield (
-                np.asarray(np.ravel_multi_index(tuple(index.T), self.shape)),
-                part[where].astype(np.int64) - 1,
-                turns,
+def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[_Sightings]:
+    """Yield the voxels of a phase that another block may see, each once."""
+    shape = block.fill.shape
+    index = [np.arange(n) + a - h for n, a, h in zip(shape, block.first, block.halo, strict=True)]
+    weights = [_weights(block, axis) for axis in range(3)]
+    for axis in range(3):
+        for layer in np.flatnonzero(weights[axis] == 1):
+            labels = layer_labels(runs, shape, axis, int(layer))
+            for other in range(axis):  # the layers across these were told already
+                cut: list[slice | Bools] = [slice(None), slice(None)]
+                cut[other] = weights[other] == 1
+                labels[tuple(cut)] = 0
+            where = list(np.nonzero(labels))
+            owners = labels[tuple(where)].astype(np.int64) - 1
+            where.insert(axis, np.full(len(owners), layer))
+            turns, places = zip(
+                *(np.divmod(i[w], n) for i, w, n in zip(index, where, frame.shape, strict=True)),
+                strict=True,
+            )
+            each = [w[at] for w, at in zip(weights, where, strict=True)]
+            yield _Sightings(
+                np.asarray(np.ravel_multi_index(places, frame.shape)),
+                owners,
+                np.stack(turns, axis=1).astype(np.int32),
+                np.prod(each, axis=0, dtype=np.int8),
             )
 
 
-def joined(counts: PieceCounts) -> Pieces:
-    """Return the components of the whole grid from the counts of all its tiles.
-
-    A voxel that two blocks saw makes their components one. Each component has a place in the
-    plane unrolled along the periodic axes; where walking around by overlaps leads back to it at
-    another place, it winds around, and never ends.
-    """
-    a, b, step = _links(counts)
-    number, place = _spread(len(counts.sizes), a, b, step)
-    total = int(number.max(initial=-1)) + 1
-    flags = np.zeros((total, 7), bool)
-    np.logical_or.at(flags, number, counts.flags)
-    endless = np.zeros((total, 3), bool)
-    np.logical_or.at(endless, number[a], place[b] - place[a] != step)
-    sizes = np.bincount(number, counts.sizes, total).astype(np.int64)
-    return Pieces(sizes, flags[:, :3], flags[:, 3:6], flags[:, 6], endless)
-
-
-def _links(counts: PieceCounts) -> tuple[Ints, Ints, Ints]:
-    """Return pairs of components that share a voxel, and the second's place from the first."""
-    order = np.argsort(counts.voxels, kind="stable")
-    voxels, owners, turns = counts.voxels[order], counts.owners[order], counts.turns[order]
-    same = np.flatnonzero(voxels[1:] == voxels[:-1])
-    step = turns[same] - turns[same + 1]
-    links = np.column_stack([owners[same], owners[same + 1], step])
-    links = np.unique(links, axis=0)
-    return links[:, 0], links[:, 1], links[:, 2:]
-
-
-def _spread(n: int, a: Ints, b: Ints, step: Ints) -> tuple[Ints, Ints]:
-    """Return each component's connected set and its place along a spanning tree of the links."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, connected_components
-
-    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(n, n))
-    _, number = connected_components(graph, directed=False)
-    roots = np.unique(number, return_index=True)[1]
-    # One more node above all roots makes the forest a tree; its links lead nowhere.
-    ends = np.concatenate([a, np.full(len(roots), n)]), np.concatenate([b, roots])
-    tree = coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(n + 1, n + 1)).tocsr()
-    _, above = breadth_first_order(tree, n, directed=False)
-    parent = np.where(above < 0, np.arange(n + 1), above)
-    place = np.zeros((n + 1, 3), np.int64)
-    for child, other, sign in ((b, a, 1), (a, b, -1)):
-        along = parent[child] == other
-        place[child[along]] = sign * step[along]
-    while not np.array_equal(parent, parent[parent]):
-        place += place[parent]
-        parent = parent[parent]
-    return number.astype(np.int64), place[:n]
-
-
-def _taken(array: NDArray[np.uint8], seen: tuple[Ints, ...]) -> NDArray[np.uint8]:
-    for axis, layers in enumerate(seen):
-        if layers[0] < 0:
-            array = array.take(layers, axis=axis, mode="wrap")
-        else:
-            cut = [slice(None)] * 3
-            cut[axis] = slice(int(layers[0]), int(layers[-1]) + 1)
-            array = array[tuple(cut)]
-    return array
-
-
-def _layer(array: NDArray[np.int32], axis: int, layer: int) -> NDArray[np.int32]:
-    """Return one layer across an axis, empty where the array has none; it keeps three axes."""
-    cut = [slice(None)] * 3
-    cut[axis] = slice(layer, layer + 1) if layer >= 0 else slice(0, 0)
-    return array[tuple(cut)]
+def _weights(block: Block, axis: int) -> NDArray[np.int8]:
+    """Return how many vertices of the lattice, below and above, the block sees of each layer."""
+    weights: NDArray[np.int8] = np.full(block.fill.shape[axis], 2, np.int8)
+    if block.halo[axis]:
+        weights[0] = 1
+    if not block.ends[axis]:
+        weights[-1] = 1
+    return weights
 
 
 def _grown(mask: Bools) -> Bools:

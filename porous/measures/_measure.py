@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import builtins
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from porous.measures import _pores, _porosity, _surface_area, _topology
+from porous.measures import _boxes, _pores, _porosity, _surface_area, _topology
 from porous.measures._census import Census
 from porous.measures._mesh import (
     EXACT,
@@ -21,21 +22,29 @@ from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
 from porous.measures._surface_area import surface_doubt
 from porous.models.model import HasBulk, HasCells, HasExact
-from porous.values import Measures, SurfaceMesh, VolumeMesh, VoxelGrid
+from porous.values import Measures, SurfaceMesh, Tiled, VolumeMesh
 from porous.values.surface_topology import check_closed
 from porous.values.volume_topology import hung_by_faces
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from porous.measures._answer import Table
+    from porous.measures._fold import Map, Tile
     from porous.models.model import Model
     from porous.values import Measure
 
-    Subject = Model | VoxelGrid | SurfaceMesh | VolumeMesh
+    Subject = Model | Tiled | SurfaceMesh | VolumeMesh
+    Progress = Callable[[str, float], None]
     Axes = tuple[bool, bool, bool]
 
-GRID: Table[Census] = {**_porosity.GRID, **_pores.GRID, **_surface_area.GRID, **_topology.GRID}
+GRID: Table[Census] = {
+    **_porosity.GRID,
+    **_pores.GRID,
+    **_surface_area.GRID,
+    **_topology.GRID,
+    **_boxes.GRID,
+}
 """Every row of a grid, by name and method."""
 
 TETRAHEDRA = 1e-3
@@ -43,14 +52,21 @@ TETRAHEDRA = 1e-3
 
 
 def measure(
-    subject: Subject, *, model: Model | None = None, grid: VoxelGrid | None = None
+    subject: Subject,
+    *,
+    model: Model | None = None,
+    grid: Tiled | None = None,
+    tiles: Sequence[Tile] | None = None,
+    map: Map = builtins.map,  # noqa: A002
+    progress: Progress | None = None,
 ) -> Measures:
     """Return all that is known of a model, a grid, a surface or a volume mesh.
 
     Parameters
     ----------
     subject
-        What to measure. A model gives its closed forms and dimensions.
+        What to measure. A model gives its closed forms and dimensions. A grid need not lie in
+        memory: whatever gives out boxes of one (``values.Tiled``) is measured tile by tile.
     model
         The model that the subject was made from: whose exact boundary a surface is (or a mesh
         fills), whose cells a mesh consists of, or which ``grid`` is of. Porosity and specific
@@ -61,6 +77,12 @@ def measure(
         detour, caps across periodic axes are no surface, and porosity refers to the grid's bulk
         where the model has none of its own. A model's own cells are made from no grid. For a
         model, the grid whose periodicity its closed forms shall have.
+    tiles, map
+        Of a grid: boxes as (start, stop) that fill it, such of its own choice where not given, and
+        how a function is called for each of them; see ``fold``. The rows do not depend on them.
+    progress
+        Called as ``progress("measures", done)`` with done in 0 … 1, after each tile of a grid that
+        is the subject; raising in it cancels.
 
     Returns
     -------
@@ -73,26 +95,37 @@ def measure(
     GridError, MeshError
         Where there is nothing to measure.
     """
-    if isinstance(subject, VoxelGrid):
-        return Measures(tuple(_grid_rows(subject, model)))
     if isinstance(subject, SurfaceMesh):
         return Measures(tuple(_surface_rows(subject, model, grid)))
     if isinstance(subject, VolumeMesh):
         return Measures(tuple(_mesh_rows(subject, model, grid)))
+    if isinstance(subject, Tiled):
+        census = Census(subject, tiles=tiles, sampled=isinstance(model, HasBulk), map=map)
+        return Measures(tuple(_grid_rows(census, progress)))
     periodic = (False, False, False) if grid is None else grid.frame.periodic
     return Measures(tuple(model_rows(subject, periodic)))
 
 
-def _grid_rows(grid: VoxelGrid, model: Model | None) -> Iterator[Measure]:
-    census = Census(grid, sampled=isinstance(model, HasBulk))
+def _grid_rows(census: Census, progress: Progress | None) -> Iterator[Measure]:
+    def report(done: int, count: int) -> None:
+        assert progress is not None
+        progress("measures", done / count)
+
+    boxes = _boxes.BoxCount.of(census.frame.shape)
+    census.take_all((boxes,), None if progress is None else report)
+    untold = {
+        "genus": any(census.frame.periodic),
+        "genus_26": any(census.frame.periodic),
+        "interface_area": census.sampled,
+        "box_dimension": not _boxes.has_dimension(census),
+    }
     for (name, _), row in GRID.items():
-        without_genus = name.startswith("genus") and any(grid.frame.periodic)
-        if not (without_genus or (name == "interface_area" and census.sampled)):
+        if not untold.get(name, False):
             yield row(census)
 
 
 def _surface_rows(
-    surface: SurfaceMesh, model: Model | None, grid: VoxelGrid | None
+    surface: SurfaceMesh, model: Model | None, grid: Tiled | None
 ) -> Iterator[Measure]:
     check_closed(surface)
     periodic = (False, False, False) if grid is None else grid.frame.periodic
@@ -105,7 +138,7 @@ def _surface_rows(
             surface, volume_doubt=doubts[0], area_doubt=doubts[1], periodic=periodic
         )
     rows = {name: row(census) for (name, _), row in SURFACE.items()}
-    if grid is not None and grid.bulk is not None and isinstance(model, HasBulk):
+    if grid is not None and isinstance(model, HasBulk) and Census(grid).has_bulk:
         del rows["interface_area"]  # the sides of a curved bulk are no sides of the frame
     if grid is None and model is not None:
         rows = _by_convention(rows, model)
@@ -115,7 +148,7 @@ def _surface_rows(
         yield from of_bulk(rows["volume"], rows["surface_area"], bulk)
 
 
-def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: VoxelGrid | None) -> Iterator[Measure]:
+def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: Tiled | None) -> Iterator[Measure]:
     census = VolumeCensus(mesh)
     if census.is_body:
         yield from _cell_rows(census, model)
@@ -202,7 +235,7 @@ def _told(rows: Mapping[str, Measure], periodic: Axes) -> Iterator[Measure]:
             yield row
 
 
-def _bulk_volume(model: Model | None, grid: VoxelGrid | None) -> float | None:
+def _bulk_volume(model: Model | None, grid: Tiled | None) -> float | None:
     """Return the volume of the bulk, or None where it is not known or does not hold the solid."""
     own = _own_bulk(model) if isinstance(model, HasBulk) or (model and grid is None) else None
     if grid is None:

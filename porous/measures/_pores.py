@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from porous.measures._answer import Table
     from porous.measures._connected import Pieces
-    from porous.values import VoxelGrid
+    from porous.values.tiled import Tiled
 
     Choice = Callable[[Pieces], NDArray[np.bool_]]
 
@@ -30,7 +30,7 @@ def _part(census: Census, name: str, choice: Choice) -> Measure:
     amounts = Amounts(census)
     bulk = amounts.bulk_count
     wide, narrow = (
-        int(pores.sizes[choice(pores)].sum()) / bulk
+        int(pores.voxels[choice(pores)].sum()) / bulk
         for pores in (
             census.pieces(solid=False, connectivity=connectivity, in_bulk=True)
             for connectivity in (26, 6)
@@ -64,7 +64,7 @@ GRID: Table[Census] = {
 }
 
 
-def open_porosity(grid: VoxelGrid) -> Measure:
+def open_porosity(grid: Tiled) -> Measure:
     """Return the part of the bulk in pores that are joined with the outside, unit 1.
 
     The outside is what lies beyond the frame, along axes that are not periodic, and void that is
@@ -76,7 +76,7 @@ def open_porosity(grid: VoxelGrid) -> Measure:
     return answer(GRID, "open_porosity", METHOD, Census(grid))
 
 
-def closed_porosity(grid: VoxelGrid) -> Measure:
+def closed_porosity(grid: Tiled) -> Measure:
     """Return the part of the bulk in pores that are cut off from the outside, unit 1.
 
     What is open is said in ``open_porosity``.
@@ -84,7 +84,7 @@ def closed_porosity(grid: VoxelGrid) -> Measure:
     return answer(GRID, "closed_porosity", METHOD, Census(grid))
 
 
-def through_porosity_x(grid: VoxelGrid) -> Measure:
+def through_porosity_x(grid: Tiled) -> Measure:
     """Return the part of the bulk in pores that lead through it along x, unit 1.
 
     A pore leads through where it reaches the first and the last layer of the bulk; along a
@@ -94,11 +94,11 @@ def through_porosity_x(grid: VoxelGrid) -> Measure:
     return answer(GRID, "through_porosity_x", METHOD, Census(grid))
 
 
-def through_porosity_y(grid: VoxelGrid) -> Measure:
+def through_porosity_y(grid: Tiled) -> Measure:
     """Return the part of the bulk in pores that lead through it along y; see along x."""
     return answer(GRID, "through_porosity_y", METHOD, Census(grid))
 
 
-def through_porosity_z(grid: VoxelGrid) -> Measure:
+def through_porosity_z(grid: Tiled) -> Measure:
     """Return the part of the bulk in pores that lead through it along z; see along x."""
     return answer(GRID, "through_porosity_z", METHOD, Census(grid))

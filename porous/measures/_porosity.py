@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.measures._answer import Table
-    from porous.values import VoxelGrid
+    from porous.values.tiled import Tiled
 
     Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Amounts:
     """
 
     def __init__(self, census: Census) -> None:
-        counts, self.sampling = census.fills, census.grid.sampling
+        counts, self.sampling = census.fills, census.source.sampling
         histogram = counts.histogram
         fills = solid_fractions(histogram.sum(axis=1), self.sampling)[:, None]
         bulks = solid_fractions(histogram.sum(axis=0), "fill" if census.sampled else "")[None]
@@ -118,7 +118,7 @@ def _shifted(census: Census) -> float:
 
     In voxels: area × the error, which lies anywhere between its bounds (a rectangle's 1/√3).
     """
-    error, frame = census.grid.sampling_error, census.frame
+    error, frame = census.source.sampling_error, census.frame
     if not error:
         return 0.0
     counts = np.array([census.number(f"faces_{axis}") for axis in "xyz"], dtype=float)
@@ -211,7 +211,7 @@ GRID: Table[Census] = {
 }
 
 
-def porosity(grid: VoxelGrid, *, method: str = "voxel fill") -> Measure:
+def porosity(grid: Tiled, *, method: str = "voxel fill") -> Measure:
     """Return the void part of the bulk: 1 − solid volume / bulk volume, unit 1.
 
     Parameters
@@ -241,7 +241,7 @@ def porosity(grid: VoxelGrid, *, method: str = "voxel fill") -> Measure:
     return answer(GRID, "porosity", method, Census(grid))
 
 
-def relative_density(grid: VoxelGrid, *, method: str = "voxel fill") -> Measure:
+def relative_density(grid: Tiled, *, method: str = "voxel fill") -> Measure:
     """Return the solid part of the bulk, 1 − porosity, unit 1.
 
     Takes, returns and raises what ``porosity`` does.

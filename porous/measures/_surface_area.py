@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.measures._answer import Table
-    from porous.values import VoxelGrid
+    from porous.values.tiled import Tiled
 
     Floats = NDArray[np.float64]
     Spacing = tuple[float, float, float]
@@ -156,16 +156,8 @@ def _area_crofton(census: Census) -> Measure:
 
 def _interface_faces(census: Census) -> Measure:
     counts = [census.number(f"faces_{axis}") for axis in "xyz"]
-    caps = [_caps(census.grid, axis) for axis in range(3)]
-    area = float(face_areas(census.frame.spacing) @ (np.array(counts) - caps))
+    area = float(face_areas(census.frame.spacing) @ (np.array(counts) - census.caps))
     return _row(census, "interface_area", "voxel faces", area, STAIRCASE * area)
-
-
-def _caps(grid: VoxelGrid, axis: int) -> int:
-    """Return the number of solid voxel faces on the frame's border across an axis."""
-    if grid.frame.periodic[axis]:
-        return 0
-    return int(sum((grid.fill.take(end, axis=axis) >= 128).sum() for end in (0, -1)))
 
 
 def _interface_crofton(census: Census) -> Measure:
@@ -197,7 +189,7 @@ GRID: Table[Census] = {
 }
 
 
-def surface_area(subject: VoxelGrid | SurfaceMesh, *, method: str | None = None) -> Measure:
+def surface_area(subject: Tiled | SurfaceMesh, *, method: str | None = None) -> Measure:
     """Return the area of the boundary of the solid, in the subject's unit squared.
 
     The solid lies in vacuum, so that it ends where the frame does, but along periodic axes it
@@ -225,7 +217,7 @@ def surface_area(subject: VoxelGrid | SurfaceMesh, *, method: str | None = None)
     return answer(GRID, "surface_area", method or "crofton", Census(subject))
 
 
-def interface_area(subject: VoxelGrid | SurfaceMesh, *, method: str | None = None) -> Measure:
+def interface_area(subject: Tiled | SurfaceMesh, *, method: str | None = None) -> Measure:
     """Return the area between solid and void inside the frame: without caps, in unit squared.
 
     Caps close the solid where the frame cuts it. Of a surface they are the triangles with the
@@ -237,6 +229,6 @@ def interface_area(subject: VoxelGrid | SurfaceMesh, *, method: str | None = Non
     return answer(GRID, "interface_area", method or "crofton", Census(subject))
 
 
-def specific_surface_area(grid: VoxelGrid, *, method: str = "crofton") -> Measure:
+def specific_surface_area(grid: Tiled, *, method: str = "crofton") -> Measure:
     """Return surface area over bulk volume, in 1/unit; methods as for ``surface_area``."""
     return answer(GRID, "specific_surface_area", method, Census(grid))

@@ -13,7 +13,7 @@ from porous.values import Measure, SurfaceMesh
 
 if TYPE_CHECKING:
     from porous.measures._answer import Table
-    from porous.values import VoxelGrid
+    from porous.values.tiled import Tiled
 
 METHOD = "voxel count"
 
@@ -27,7 +27,7 @@ def _euler(census: Census, name: str) -> Measure:
 
 
 def _components(census: Census, name: str, connectivity: int) -> Measure:
-    return _exact(name, len(census.pieces(solid=True, connectivity=connectivity).sizes))
+    return _exact(name, census.pieces(solid=True, connectivity=connectivity).number)
 
 
 def _genus(census: Census, name: str, connectivity: int, euler: str) -> Measure:
@@ -36,14 +36,14 @@ def _genus(census: Census, name: str, connectivity: int, euler: str) -> Measure:
             f"{name}: a body in periodic space has tunnels of space itself among its own; "
             "cap it: measure the genus of its surface"
         )
-    pieces = len(census.pieces(solid=True, connectivity=connectivity).sizes)
+    pieces = census.pieces(solid=True, connectivity=connectivity).number
     return _exact(name, pieces + cavities(census, 32 - connectivity) - census.number(euler))
 
 
 def cavities(census: Census, connectivity: int = 26) -> int:
     """Return the number of voids that nothing joins with the outside of the frame."""
     voids = census.pieces(solid=False, connectivity=connectivity)
-    return int((~voids.open).sum())
+    return int(voids.counts[~voids.open].sum())
 
 
 GRID: Table[Census] = {
@@ -58,7 +58,7 @@ GRID: Table[Census] = {
 }
 
 
-def components(subject: VoxelGrid | SurfaceMesh) -> Measure:
+def components(subject: Tiled | SurfaceMesh) -> Measure:
     """Return the number of pieces, unit 1.
 
     Of a grid: solid voxels joined by faces. Of a surface: pieces that enclose a positive volume;
@@ -67,7 +67,7 @@ def components(subject: VoxelGrid | SurfaceMesh) -> Measure:
     return _answered("components", subject)
 
 
-def euler_number(subject: VoxelGrid | SurfaceMesh) -> Measure:
+def euler_number(subject: Tiled | SurfaceMesh) -> Measure:
     """Return the Euler number of the solid, unit 1.
 
     Of a grid χ₆ = voxels − pairs + squares − cubes of the solid joined by faces. Of a closed
@@ -76,7 +76,7 @@ def euler_number(subject: VoxelGrid | SurfaceMesh) -> Measure:
     return _answered("euler_number", subject)
 
 
-def genus(subject: VoxelGrid | SurfaceMesh) -> Measure:
+def genus(subject: Tiled | SurfaceMesh) -> Measure:
     """Return the number of independent tunnels of the solid, unit 1.
 
     Of a grid pieces + cavities − χ₆ (solid joined by faces, void by corners); of a closed surface
@@ -90,7 +90,7 @@ def genus(subject: VoxelGrid | SurfaceMesh) -> Measure:
     return _answered("genus", subject)
 
 
-def components_26(grid: VoxelGrid) -> Measure:
+def components_26(grid: Tiled) -> Measure:
     """Return the number of pieces of the closed union of solid voxels, unit 1.
 
     Voxels that meet in an edge or a corner are one piece.
@@ -98,17 +98,17 @@ def components_26(grid: VoxelGrid) -> Measure:
     return _answered("components_26", grid)
 
 
-def euler_number_26(grid: VoxelGrid) -> Measure:
+def euler_number_26(grid: Tiled) -> Measure:
     """Return vertices − edges + faces − cells of the closed union of solid voxels, unit 1."""
     return _answered("euler_number_26", grid)
 
 
-def genus_26(grid: VoxelGrid) -> Measure:
+def genus_26(grid: Tiled) -> Measure:
     """Return the number of tunnels of the closed union, unit 1; raises what ``genus`` does."""
     return _answered("genus_26", grid)
 
 
-def _answered(name: str, subject: VoxelGrid | SurfaceMesh) -> Measure:
+def _answered(name: str, subject: Tiled | SurfaceMesh) -> Measure:
     if isinstance(subject, SurfaceMesh):
         return answer(SURFACE, name, "triangles", SurfaceCensus(subject))
     return answer(GRID, name, METHOD, Census(subject))

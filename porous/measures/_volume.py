@@ -11,10 +11,10 @@ from porous.measures._mesh import SURFACE, VOLUME, SurfaceCensus, VolumeCensus
 from porous.values import Measure, SurfaceMesh, VolumeMesh
 
 if TYPE_CHECKING:
-    from porous.values import VoxelGrid
+    from porous.values.tiled import Tiled
 
 
-def volume(subject: VoxelGrid | SurfaceMesh | VolumeMesh, *, method: str | None = None) -> Measure:
+def volume(subject: Tiled | SurfaceMesh | VolumeMesh, *, method: str | None = None) -> Measure:
     """Return the volume of the solid, in the subject's unit cubed.
 
     Parameters
