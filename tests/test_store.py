@@ -24,6 +24,7 @@ from porous.errors import (
 )
 from porous.scale import Store, StoredGrid, codec
 from porous.scale.plan import LARGEST_CHUNK
+from porous.scale.recent import Recent
 from porous.scale.sealed import seal, unseal
 from porous.values import Frame, VoxelGrid
 
@@ -567,3 +568,33 @@ def test_tile_numbers_and_places_agree(folder):
     places = [store.plan.place(index) for index in range(len(store.tiles))]
     assert [store.plan.tile(place) for place in places] == list(store.tiles)
     assert all(a < b for a, b in pairwise(places))
+
+
+# --- chunks that are remembered ------------------------------------------------------------
+
+
+def test_neighbours_are_read_once_while_there_is_room(whole, monkeypatch):
+    grid = StoredGrid.open(whole.folder)
+    made = []
+    real = codec.decode
+    monkeypatch.setattr(codec, "decode", lambda *args: made.append(1) or real(*args))
+    for start, stop in grid.tiles:
+        wide = tuple(min(b + 1, n) for b, n in zip(stop, SHAPE, strict=True))
+        fill, bulk = grid.block(start, wide)
+        assert np.array_equal(fill, FILL[_slices(start, wide)])
+        assert np.array_equal(bulk, BULK[_slices(start, wide)])
+        fill[:] = 7  # the box is the caller's own
+    assert len(made) == 2 * len(grid.tiles)
+
+
+def test_what_is_remembered_has_its_limit():
+    recent, made = Recent(100), []
+
+    def make(name):
+        made.append(name)
+        return np.full(int(name), int(name), np.uint8)
+
+    for name in ("40", "50", "40", "30", "50", "40", "101", "101"):
+        assert (recent.get(name, make) == int(name)).all()
+    # 30 pushes out 50, which was used longest ago, and 50 then 40 and 30; 101 never fits.
+    assert made == ["40", "50", "30", "50", "40", "101", "101"]

@@ -35,6 +35,8 @@ from porous.scale.sealed import seal
 from porous.values.value import Value
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from porous.scale.manifest import Manifest
@@ -261,15 +263,31 @@ class Store(Value):
         FormatError
             Where one is damaged or missing; names it.
         """
+        return self.gather(name, start, stop, self._files.chunk)
+
+    def chunk_of(self, file: str) -> NDArray[np.uint8]:
+        """Return a whole chunk by the name of its file, the zeros beyond the frame too.
+
+        Raises
+        ------
+        FormatError
+            Where it is damaged or missing; names it.
+        """
+        return self._files.chunk(file)
+
+    def gather(
+        self, name: str, start: Triple, stop: Triple, chunk: Callable[[str], NDArray[np.uint8]]
+    ) -> NDArray[np.uint8]:
+        """Return what ``read`` returns, of chunks that ``chunk`` gives by the names of files."""
         self._check_name(name)
         self._check_box(start, stop)
         shape = tuple(b - a for a, b in zip(start, stop, strict=True))
         result = np.empty(shape, np.uint8)
         for place in self.plan.places(start, stop):
-            block = self._files.chunk(self.plan.chunk_name(name, place))
             first, end = self.plan.tile(place)
             low = [max(a, s) for a, s in zip(first, start, strict=True)]
             high = [min(b, e) for b, e in zip(end, stop, strict=True)]
+            block = chunk(self.plan.chunk_name(name, place))
             result[_box(low, high, start)] = block[_box(low, high, first)]
         return result
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from porous.memory import check_memory
+from porous.scale.recent import Recent
 from porous.scale.store import Store
 from porous.values import VoxelGrid
 from porous.values.value import Value
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
 
     from porous.scale.plan import Triple
     from porous.values import Frame
+
+KEPT = 1 << 28
+"""Bytes of chunks that a grid remembers, so that what surrounds a tile is not read eight times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +83,7 @@ class StoredGrid(Value):
         FormatError
             Where a chunk is damaged or missing; names it.
         """
-        read = self.store.read
-        return read("fill", start, stop), self._bulk(start, stop)
+        return self._box("fill", start, stop), self._bulk(start, stop)
 
     def to_grid(self) -> VoxelGrid:
         """Return all of it in memory.
@@ -93,8 +97,20 @@ class StoredGrid(Value):
         """
         arrays = len(self.store.arrays)
         check_memory(arrays * self.frame.size, "the stored grid", "Measure it where it is.")
-        fill, bulk = self.block((0, 0, 0), self.frame.shape)
+        read, all_ = self.store.read, ((0, 0, 0), self.frame.shape)
+        bulk = read("bulk", *all_) if self.store.has_bulk else None
+        fill = read("fill", *all_)
         return VoxelGrid(self.frame, fill, bulk, self.sampling, self.hausdorff, self.sampling_error)
 
     def _bulk(self, start: Triple, stop: Triple) -> NDArray[np.uint8] | None:
-        return self.store.read("bulk", start, stop) if self.store.has_bulk else None
+        return self._box("bulk", start, stop) if self.store.has_bulk else None
+
+    def _box(self, name: str, start: Triple, stop: Triple) -> NDArray[np.uint8]:
+        keep = self._recent
+        return self.store.gather(
+            name, start, stop, lambda file: keep.get(file, self.store.chunk_of)
+        )
+
+    @cached_property
+    def _recent(self) -> Recent:
+        return Recent(KEPT)
