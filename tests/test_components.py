@@ -1,13 +1,20 @@
 """Components: runs and unions against flooding by hand and against scipy."""
 
-from itertools import product
+from itertools import pairwise, product
 
 import naive_measures
 import numpy as np
 import pytest
 import scipy.ndimage
 
-from porous.kernels.components import label, label_runs
+from porous.kernels.components import (
+    label,
+    label_runs,
+    layer_labels,
+    sizes_from,
+    touching,
+    unite,
+)
 
 PERIODIC = list(product((False, True), repeat=3))
 STRUCTURE = {6: scipy.ndimage.generate_binary_structure(3, 1), 26: np.ones((3, 3, 3))}
@@ -81,3 +88,79 @@ def test_periodic_corner_neighbours():
 def test_unknown_connectivity_is_a_mistake():
     with pytest.raises(ValueError, match="6 or 26"):
         label(np.ones((2, 2, 2), bool), 18)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_layers_are_those_of_the_labels(axis):
+    mask = random_mask((6, 7, 9), 3, 0.5)
+    runs, (labels, _) = label_runs(mask, 26), label(mask, 26)
+    for layer in range(mask.shape[axis]):
+        np.testing.assert_array_equal(
+            layer_labels(runs, mask.shape, axis, layer), labels.take(layer, axis=axis)
+        )
+
+
+@pytest.mark.parametrize("first", [(0, 0, 0), (1, 0, 0), (0, 1, 1), (1, 1, 1), (3, 2, 5)])
+def test_sizes_from_a_voxel_on(first):
+    mask = random_mask((6, 7, 9), 4, 0.4)
+    runs, (labels, count) = label_runs(mask, 6), label(mask, 6)
+    own = labels[tuple(slice(a, None) for a in first)]
+    np.testing.assert_array_equal(
+        sizes_from(runs, mask.shape, first), np.bincount(own.ravel(), minlength=count + 1)[1:]
+    )
+
+
+def test_components_that_touch_a_mask():
+    mask, other = random_mask((6, 7, 9), 5, 0.3), random_mask((6, 7, 9), 6, 0.05)
+    labels, count = label(mask, 6)
+    found = np.flatnonzero(touching(label_runs(mask, 6), other)) + 1
+    assert 0 < len(found) < count
+    assert set(found) == set(labels[other & mask].tolist())
+
+
+def test_more_runs_than_can_be_numbered_are_refused(monkeypatch):
+    monkeypatch.setattr("porous.kernels.components.LARGEST", 9)
+    with pytest.raises(ValueError, match="smaller tiles"):
+        label_runs(random_mask((6, 7, 9), 5, 0.3), 6)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_unions_are_those_of_walking(seed):
+    random = np.random.default_rng(seed)
+    n, m = int(random.integers(1, 12)), int(random.integers(0, 25))
+    voxels = np.sort(random.integers(0, 9, m))
+    owners, turns = random.integers(0, n, m), random.integers(-1, 2, (m, 3))
+    sizes, marks = random.integers(1, 2**60 // n, n), random.integers(0, 4, n)
+    found = unite(voxels, owners, turns, sizes, marks, around=4)
+    links = [(a, b) for a, b in pairwise(range(m)) if voxels[a] == voxels[b]]
+    steps = [(owners[a], owners[b], turns[a] - turns[b]) for a, b in links]
+    steps += [(b, a, -step) for a, b, step in steps]
+    number = 0
+    for start in range(n):
+        if start in owners_before(steps, start):
+            continue
+        places, around, front = {start: np.zeros(3, int)}, np.zeros(3, bool), [start]
+        while front:
+            here = front.pop()
+            for _, there, step in (s for s in steps if s[0] == here):
+                if there not in places:
+                    places[there] = places[here] + step
+                    front.append(there)
+                around |= places[there] != places[here] + step
+        assert found.sizes[number] == sum(int(sizes[one]) for one in places)
+        joined = np.bitwise_or.reduce([marks[one] for one in places])
+        assert found.marks[number] == joined | 4 * around @ (1, 2, 4)
+        for one, place in places.items():
+            assert found.numbers[one] == number
+            if not around.any():
+                np.testing.assert_array_equal(found.places[one], place)
+        number += 1
+    assert len(found.sizes) == number
+
+
+def owners_before(steps, start):
+    """Return the components that can be reached from one that comes earlier."""
+    reached = set(range(start))
+    while more := {int(b) for a, b, _ in steps if a in reached} - reached:
+        reached |= more
+    return reached - set(range(start)) if reached else set()

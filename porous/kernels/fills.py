@@ -105,7 +105,11 @@ def pooled(
     shape = [-(-(n + p) // factor) for n, p in zip(fill.shape, phase, strict=True)]
     result = np.zeros(shape, np.uint8)
     planes = max(1, SLAB // (factor * fill.shape[1] * fill.shape[2]))
-    slabs(len(result), planes, lambda a, b: _pool(given, phase, factor, a, b, result), progress)
+
+    def work(a, b):
+        _pool(given, phase, factor, a, b, np.empty(fill.shape[2], np.uint8), result)
+
+    slabs(len(result), planes, work, progress)
     return result
 
 
@@ -154,17 +158,20 @@ def _survey(fill, bulk, ends, above, void, histogram, jumps):
 
 
 @kernel
-def _pool(fill, phase, factor, first, last, out):
+def _pool(fill, phase, factor, first, last, row, out):
     """Raise the boxes ``first`` … ``last`` (not within) along x to the largest fill in them."""
     nx, ny, nz = fill.shape
-    for box in range(first, last):
-        for i in range(max(0, box * factor - phase[0]), min(nx, (box + 1) * factor - phase[0])):
-            for j in range(ny):
-                row = fill[i, j]
-                target = out[box, (j + phase[1]) // factor]
-                for c in range(len(target)):
-                    low = max(0, c * factor - phase[2])
-                    largest = target[c]
-                    for k in range(low, min(nz, (c + 1) * factor - phase[2])):
-                        largest = max(largest, row[k])
-                    target[c] = largest
+    for a in range(first, last):
+        for b in range(out.shape[1]):
+            row[:] = 0
+            for i in range(max(0, a * factor - phase[0]), min(nx, (a + 1) * factor - phase[0])):
+                for j in range(max(0, b * factor - phase[1]), min(ny, (b + 1) * factor - phase[1])):
+                    line = fill[i, j]
+                    for k in range(nz):
+                        row[k] = max(row[k], line[k])
+            for c in range(out.shape[2]):
+                largest = out[a, b, c]
+                low = max(0, c * factor - phase[2])
+                for k in range(low, min(nz, (c + 1) * factor - phase[2])):
+                    largest = max(largest, row[k])
+                out[a, b, c] = largest

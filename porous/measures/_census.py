@@ -14,6 +14,7 @@ from porous.kernels.fills import block_fills
 from porous.kernels.windows import FUNCTIONALS, block_histogram
 from porous.measures._connected import Phase
 from porous.measures._fold import DEPTH, Block, Together, fold, layers_of, tiles_of
+from porous.values.tiled import Chunked
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -172,6 +173,10 @@ class _Coarse:
         return cls(tuple(layers), tuple(ways))
 
 
+def _tiles(source: Tiled) -> tuple[Tile, ...]:
+    return source.tiles if isinstance(source, Chunked) else tiles_of(source.frame.shape)
+
+
 def _lattice(frame: Frame) -> tuple[Index, tuple[bool, bool, bool]]:
     return frame.shape, frame.periodic
 
@@ -197,8 +202,8 @@ class Census:
     source
         The body: a grid, or anything that gives out boxes of one.
     tiles
-        Boxes of voxels that fill it; such of its own choice where not given. The counts do not
-        depend on them.
+        Boxes of voxels that fill it; where not given those that the source comes in, or such as
+        suit. The counts do not depend on them.
     sampled
         Whether the bulk was sampled at the 64 points of a fill, as that of a model with a bulk of
         its own is; else it is taken for exact.
@@ -217,7 +222,7 @@ class Census:
         self.source = source
         self.has_bulk = source.block((0, 0, 0), (1, 1, 1))[1] is not None
         self.sampled = sampled and self.has_bulk
-        self.tiles = tiles_of(source.frame.shape) if tiles is None else tuple(tiles)
+        self.tiles = _tiles(source) if tiles is None else tuple(tiles)
         self._map = map
         self._sums: dict[Count, Any] = {}
 

@@ -268,7 +268,7 @@ class Phase:
         return _joined(Pieces.none(), sizes, marks, seen)
 
     def _mask(self, block: Block) -> Bools:
-        phase = (block.fill >= 128) == self.solid
+        phase = block.fill >= 128 if self.solid else block.fill < 128
         if self.in_bulk and block.bulk is not None:
             phase &= block.bulk >= 128
         return np.asarray(phase)
