@@ -38,6 +38,9 @@ FINEST = 160
 """Voxels along an edge that a picture shows; finer grids are thinned."""
 
 COLOUR = "#d2b48c"
+INSIDE = "#b5651d"
+"""Of walls, where a surface's labels tell them from the faces of the level-0 cell or the frame."""
+
 FROM = (1.7, -2.3, 1.3)
 """Where the eye is, seen from the body."""
 
@@ -118,7 +121,15 @@ def _save_scene(path: Path, value: Drawable, size: tuple[int, int]) -> None:
     if not len(faces):
         raise ViewError("there is nothing to draw: no solid voxel, triangle or cell")
     edges = isinstance(value, VolumeMesh)
-    np.savez(path, points=points, faces=faces, size=size, edges=edges)
+    walls = _walls(value) if isinstance(value, SurfaceMesh) else np.zeros(len(faces), bool)
+    np.savez(path, points=points, faces=faces, walls=walls, size=size, edges=edges)
+
+
+def _walls(surface: SurfaceMesh) -> NDArray[np.bool_]:
+    """Tell which triangles are walls; none where nothing is told from them."""
+    assert surface.labels is not None
+    named = np.array([name == "WALL" for name in surface.names])[surface.labels]
+    return np.asarray(named & (not named.all()))
 
 
 def _polygons(value: Drawable) -> Polygons:
@@ -157,12 +168,22 @@ def _render(scene: str, image: str | None) -> None:
     import pyvista as pv
 
     with np.load(scene) as arrays:
-        points, faces = arrays["points"], arrays["faces"]
+        points, faces, walls = arrays["points"], arrays["faces"], arrays["walls"]
         size, edges = arrays["size"].tolist(), bool(arrays["edges"])
     body = pv.PolyData.from_regular_faces(points, faces)
     length = body.length
     plotter: Any = pv.Plotter(off_screen=image is not None, window_size=size)
-    plotter.add_mesh(body, color=COLOUR, ambient=0.25, show_edges=edges, edge_color="#5c4a32")
+    body.cell_data["walls"] = walls.astype(np.uint8)
+    plotter.add_mesh(
+        body,
+        scalars="walls",
+        cmap=[COLOUR, INSIDE],
+        clim=(0, 1),
+        show_scalar_bar=False,
+        ambient=0.25,
+        show_edges=edges,
+        edge_color="#5c4a32",
+    )
     plotter.set_background("white")
     plotter.add_axes()
     plotter.view_vector(FROM)

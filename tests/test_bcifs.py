@@ -324,3 +324,67 @@ def test_a_curve_without_a_drawing_is_refused(tmp_path):
     path.write_text(KOCH.replace('draw = { along = ["edges", "vertices"], radius = 0.01 }\n', ""))
     with pytest.raises(ModelError, match="state curve are of shape edge, no volumes"):
         po.build(po.load(path))
+
+
+def own_menger():
+    """Return the states of a Menger cell, as users may write them."""
+    return build_cell(Options("hex-8", digits=(named("menger"),)))
+
+
+def test_digits_that_the_cells_are_not_are_refused():
+    with pytest.raises(
+        ModelError, match=r"digits\[0\]: the 20 children of state cell are not the 7"
+    ):
+        bcifs(own_menger(), digits=(named("vicsek-7"),))
+    plain = bcifs(own_menger(), level=1)
+    assert "genus" not in rows(plain)
+    assert "surface_area" not in rows(plain)
+    assert rows(plain)["euler_number_26"] == -4
+
+
+def test_a_mirrored_block_has_a_positive_volume():
+    controls = CUBE.copy()
+    controls[0] *= -1
+    controls[:, 7] = [-1.3, 1.0, 1.0]
+    model = hexa(controls=controls, level=1)
+    assert rows(model)["volume"] == pytest.approx(model.cell_mesh().volumes.sum(), rel=1e-12)
+    assert rows(model)["volume"] > 0
+
+
+def test_nothing_exact_is_said_of_folded_cells():
+    controls = CUBE.copy()
+    controls[:, 7] = [-0.5, -0.5, -0.5]
+    model = hexa(controls=controls, level=1)
+    assert model.exact() == ()
+    assert model.smallest_feature() is None
+    with pytest.raises(ModelError, match="folded"):
+        po.voxelize(model, per_feature=4)
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        ({"contacts": "sheared"}, "contacts: got 'sheared'"),
+        ({"contact_radius": -1.0}, "contact_radius: got -1"),
+        ({"size": 0.0}, "size: got 0"),
+        ({"offset": -1.0}, "offset: got -1"),
+        ({"level": True}, "level: got True"),
+        ({"controls": "x"}, "controls: wanted numbers"),
+        ({"controls": CUBE * 1e200}, "controls: extend over"),
+    ],
+)
+def test_arguments_that_cannot_be_are_refused(options, wanted):
+    with pytest.raises(ModelError, match=wanted):
+        bcifs(own_menger(), **options)
+
+
+def test_a_word_that_does_not_contract_is_named_by_children():
+    with pytest.raises(ModelError, match=r"the word is cell\.\d{3}"):
+        hexa(moves={"cell.000.7": [3.0, 3.0, 3.0]})
+
+
+def test_levels_too_deep_for_memory_are_refused_at_once():
+    model = hexa("full-2", level=12)
+    with pytest.raises(po.MemoryLimitError, match="68719476736 cells"):
+        _ = model.bulk_volume
+    assert model.counts[3] == 8**12

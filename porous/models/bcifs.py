@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from porous.errors import ModelError, nearest
-from porous.models.automaton import DEEPEST
+from porous.models.automaton import DEEPEST, numbers
 from porous.models.builders import Options, Texture, build_cell, cell_names
+from porous.models.cell_attractor import BULK_LEVEL, CellAttractor
 from porous.models.cell_body import CellBody, thinnest
 from porous.models.cell_system import CellSystem, natural_box
-from porous.models.contraction import check_contracts
+from porous.models.contraction import check_contracts, contractivity
 from porous.models.digits import DigitSet, named
 from porous.models.sections import BoxSection, DigitsSection, Section, Triple
 from porous.models.solve import solve
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from porous.models.brep import BRep, CellState
+    from porous.models.automaton import Automaton
+    from porous.models.brep import BRep, CellState, Child
     from porous.values import Box
 
     Floats = NDArray[np.float64]
@@ -39,12 +41,16 @@ BOX_TOLERANCE = 1e-3
 COINCIDENT = 1e-9
 """Control points closer than this part of their extent are one."""
 
+SMALLEST = 1e-30
+"""Extents of controls below this, or above its inverse, are refused: their cubes are no numbers."""
+
 FUSED = 0.25
 """Radius of what fuses contacts where none is given, as a part of the thinnest cell."""
 
 Numbers = Annotated[tuple[float, ...], Field(strict=False, min_length=1)]
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Contacts = Literal["apart", "fuse", "shared"]
+Level = int | Literal["limit"]
 
 
 class TextureSection(Section):
@@ -86,7 +92,9 @@ class BCIFSSection(Section):
         default=None, description="tables of one's own states, in place of cell"
     )
     start: str | None = Field(default=None, description="the name of the level-0 cell's state")
-    level: int = Field(default=2, ge=0, le=DEEPEST, description="a whole number, zero or more")
+    level: Annotated[int, Field(ge=0, le=DEEPEST)] | Literal["limit"] = Field(
+        default=2, description='a whole number, zero or more, or "limit"'
+    )
     digits: (
         DigitsSection
         | Annotated[tuple[DigitsSection, ...], Field(strict=False, min_length=1)]
@@ -150,7 +158,7 @@ class BCIFSSection(Section):
             for name in ("digits", "keep", "texture"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name}: shapes a built-in cell; got states of one's own")
-        if self.cell == "beam" and self.draw == "cell":
+        if self.cell == "beam" and self.draw == "cell" and self.level != "limit":
             raise ValueError('draw: wanted { along = ["edges"], radius = … } for cell = "beam"')
         return self
 
@@ -162,7 +170,7 @@ class BCIFSSection(Section):
         return tuple(each.digits() for each in listed)
 
 
-def build(section: BCIFSSection, _: Path) -> CellSystem:
+def build(section: BCIFSSection, _: Path) -> CellSystem | CellAttractor:
     """Return the model of a recipe's section; it reads no files.
 
     Raises
@@ -178,7 +186,7 @@ def build(section: BCIFSSection, _: Path) -> CellSystem:
         level=level,
         controls=None if section.controls is None else np.array(section.controls).T,
         moves=section.moves,
-        digits=section.digit_sets() or _default_digits(brep),
+        digits=_digits(section, brep),
         draw=None if isinstance(section.draw, str) else _sweep(section.draw, level),
         domain=section.domain.box() if section.domain else None,
         bulk=section.bulk.box() if section.bulk else None,
@@ -189,7 +197,7 @@ def build(section: BCIFSSection, _: Path) -> CellSystem:
 def bcifs(
     brep: BRep,
     *,
-    level: int = 2,
+    level: Level = 2,
     controls: ArrayLike | None = None,
     moves: Mapping[str, ArrayLike] | None = None,
     digits: Sequence[DigitSet] = (),
@@ -201,15 +209,15 @@ def bcifs(
     contact_radius: float | None = None,
     domain: Box | None = None,
     bulk: Box | None = None,
-) -> CellSystem:
-    """Return the model of cells with boundaries: solid cells, or what is swept along them.
+) -> CellSystem | CellAttractor:
+    """Return the model of cells with boundaries: solid cells, what is swept along them, the limit.
 
     Parameters
     ----------
     brep
         The states with their boundaries and constraints.
     level
-        Zero or more.
+        Zero or more, or ``"limit"`` for the attractor.
     controls
         Control points of the level-0 cell, (3, m), in ``unit``; those of its reference cell where
         not given. Eight corners serve a cell of 27 controls, whose others are put midway.
@@ -239,28 +247,61 @@ def bcifs(
     ModelError
         As ``build``.
     """
+    _check_arguments(size, offset, contacts, contact_radius)
+    _check_digits(brep, digits)
     solution = solve(brep, moves)
     start = brep.states[brep.start]
     given = _controls(start, controls)
-    if start.dimension < 3 and draw is None:
+    if not start.children:
+        raise ModelError(
+            f"state {start.name}: has no children; wanted a level-0 cell that is refined"
+        )
+    limit = level == "limit"
+    if start.dimension < 3 and draw is None and not limit:
         raise ModelError(
             f"draw: cells of state {start.name} are of shape {start.shape}, no volumes; wanted "
-            '{ along = ["edges"], radius = … }'
+            '{ along = ["edges"], radius = … }, or level = "limit"'
         )
-    check_contracts(solution.automaton(given))
-    box = domain or natural_box(solution, given, BOX_TOLERANCE)
+    _check_contracts(brep, solution.automaton(given))
+    natural = None if domain and not limit else natural_box(solution, given, BOX_TOLERANCE)
+    box = domain or natural
+    assert box is not None
     scale = 1.0 if size is None else float(size) / max(box.lengths)
     system = CellSystem(
         solution,
         given * scale,
-        level,
-        box.scaled(scale),
+        BULK_LEVEL if level == "limit" else level,
+        (natural or box).scaled(scale),
         unit,
         tuple(digits),
         bulk.scaled(scale) if bulk else None,
     )
     if bulk is None and start.dimension < 3:
-        system = replace(system, bulk_box=system.domain.grown(draw.radius if draw else 0.0))
+        reach = draw.radius if draw else float(offset) if limit else 0.0
+        system = replace(system, bulk_box=system.domain.grown(reach))
+    if limit:
+        _check_limit(draw, contacts)
+        return _attractor(system, float(offset), domain and domain.scaled(scale))
+    return _body(
+        system,
+        draw,
+        offset=float(offset),
+        contacts=contacts,
+        contact_radius=contact_radius,
+        grown=domain is None,
+    )
+
+
+def _body(
+    system: CellSystem,
+    draw: Sweep | None,
+    *,
+    offset: float,
+    contacts: Contacts,
+    contact_radius: float | None,
+    grown: bool,
+) -> CellSystem:
+    """Return the body of a level: solid cells as a mesh, or what is swept, grown or fused."""
     shared = {name: getattr(system, name) for name in CellSystem.__dataclass_fields__}
     if draw is None and not offset and contacts != "fuse":
         return CellBody(**shared, contacts=contacts)
@@ -269,10 +310,33 @@ def bcifs(
     radius = 0.0
     if contacts == "fuse":
         radius = contact_radius or FUSED * min(thinnest(system))
-    reach = offset + (draw.radius if draw else 0.0)
-    if domain is None:
-        shared["domain"] = system.domain.grown(reach)
-    return SweptBody(**shared, sweep=draw, offset=float(offset), fused=radius)
+    if grown:
+        shared["domain"] = system.domain.grown(offset + (draw.radius if draw else 0.0))
+    return SweptBody(**shared, sweep=draw, offset=offset, fused=radius)
+
+
+def _check_limit(draw: Sweep | None, contacts: Contacts) -> None:
+    if draw is not None:
+        raise ModelError(
+            f"draw: got {{ along = {list(draw.along)}, … }}, which is swept along the cells of a "
+            'level; level = "limit" has none. Wanted offset, or a number'
+        )
+    if contacts != "apart":
+        raise ModelError(
+            f'contacts: got "{contacts}", which joins cells; level = "limit" has none. Wanted '
+            '"apart" and an offset, or a number'
+        )
+
+
+def _attractor(system: CellSystem, offset: float, domain: Box | None) -> CellAttractor:
+    """Return the limit of a system in a box, its own where none is given."""
+    box = domain or system.domain.grown(offset)
+    if not box.volume:
+        raise ModelError(
+            f"domain: got a box of edges {box.lengths}, for all that the limit holds lies in a "
+            "plane; wanted an offset, or a domain"
+        )
+    return CellAttractor(system, box, offset)
 
 
 def _brep(section: BCIFSSection) -> BRep:
@@ -302,18 +366,65 @@ def _texture(
     return x, y, z
 
 
-def _default_digits(brep: BRep) -> tuple[DigitSet, ...]:
-    return (named("full-2"),) if brep.states[brep.start].shape == "hexa" else ()
+def _digits(section: BCIFSSection, brep: BRep) -> tuple[DigitSet, ...]:
+    """Return the digit sets of a built-in cell of cubes; a whole one is cut in halves."""
+    if section.states is not None or brep.states[brep.start].shape != "hexa":
+        return ()
+    return section.digit_sets() or (named("full-2"),)
 
 
-def _sweep(section: SweepSection, level: int) -> Sweep:
+def _check_digits(brep: BRep, digits: Sequence[DigitSet]) -> None:
+    """Raise ``ModelError`` where children are not the sub-cubes that digits name."""
+    index = brep.start
+    for level, kept in enumerate(digits):
+        state = brep.states[index]
+        size = float(np.ptp(state.controls, axis=1).max())
+        lower = state.controls.min(axis=1)
+        found = np.array([(state.controls @ c.guess).min(axis=1) for c in state.children])
+        wanted = lower + np.ptp(state.controls, axis=1) * kept.keep / kept.divisions
+        if found.shape != wanted.shape or np.abs(found - wanted).max() > COINCIDENT * size:
+            raise ModelError(
+                f"digits[{level}]: the {len(state.children)} children of state {state.name} are "
+                f"not the {len(kept.keep)} sub-cubes that it names; wanted the digits that the "
+                "cell was built with"
+            )
+        index = state.children[0].state
+
+
+def _sweep(section: SweepSection, level: Level) -> Sweep:
     radii = section.radius if isinstance(section.radius, tuple) else (section.radius,)
-    return Sweep(section.along, radii[min(level, len(radii) - 1)])
+    return Sweep(section.along, radii[-1 if level == "limit" else min(level, len(radii) - 1)])
+
+
+def _check_arguments(
+    size: float | None, offset: float, contacts: str, contact_radius: float | None
+) -> None:
+    if contacts not in get_args(Contacts):
+        raise ModelError(f"contacts: got {contacts!r}; wanted {', '.join(get_args(Contacts))}")
+    for name, value in (("size", size), ("contact_radius", contact_radius)):
+        if value is not None and not 0 < value < np.inf:
+            raise ModelError(f"{name}: got {value}; wanted a length above zero")
+    if not 0 <= offset < np.inf:
+        raise ModelError(f"offset: got {offset}; wanted a length, zero or more")
+
+
+def _check_contracts(brep: BRep, automaton: Automaton) -> None:
+    """Raise ``ModelError`` naming the word that stretches, child by child."""
+    try:
+        check_contracts(automaton)
+    except ModelError as error:
+        letters = [f"{brep.states[q].name}.{c.name}" for q in brep.reached for c in _kids(brep, q)]
+        word = ", ".join(letters[letter] for letter in contractivity(automaton).word)
+        raise ModelError(f"{error} (the word is {word})" if word else str(error)) from None
+
+
+def _kids(brep: BRep, state: int) -> tuple[Child, ...]:
+    return brep.states[state].children
 
 
 def _controls(state: CellState, given: ArrayLike | None) -> Floats:
     """Return the level-0 cell's controls, or say which are missing or coincide."""
-    controls = state.controls if given is None else np.asarray(given, np.float64)
+    controls = state.controls if given is None else numbers(given, "controls")
     if controls.shape == (3, 8) and state.size == 27:
         controls = _midway(controls)
     if controls.shape != state.controls.shape:
@@ -321,9 +432,12 @@ def _controls(state: CellState, given: ArrayLike | None) -> Floats:
             f"controls: got {controls.shape[-1]} points; wanted {state.size}, those of "
             f"{state.name}" + (", or its 8 corners" if state.size == 27 else "")
         )
-    if not np.isfinite(controls).all():
-        raise ModelError("controls: wanted finite numbers")
     size = float(np.ptp(controls, axis=1).max())
+    if not SMALLEST < size < 1 / SMALLEST or np.abs(controls).max() > size / COINCIDENT:
+        raise ModelError(
+            f"controls: extend over {size:g} and up to {np.abs(controls).max():g} from the "
+            f"origin; wanted an extent between {SMALLEST:g} and {1 / SMALLEST:g}, not far off"
+        )
     gaps = np.abs(controls[:, :, None] - controls[:, None]).max(axis=0)
     pairs = np.argwhere(np.triu(gaps <= COINCIDENT * size, 1))
     if len(pairs):

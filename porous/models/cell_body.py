@@ -90,11 +90,20 @@ class CellBody(CellSystem):
         """Return marks of every voxel that a cell touches, and a Hausdorff bound."""
         return self.solid.cover(frame)
 
-    def smallest_feature(self) -> float:
+    def smallest_feature(self) -> float | None:
         """Return the least height of a corner of a cell over a face of it, in ``unit``.
 
-        The edge of a cube, the height of a tetrahedron; of bent cells the thinnest corner.
+        The edge of a cube, the height of a tetrahedron; of bent cells the thinnest corner. None
+        where cells are folded.
         """
+        try:
+            return self._thinnest
+        except ModelError:
+            return None
+
+    @cached_property
+    def _thinnest(self) -> float:
+        _ = self.nodes.unfolded
         return min(thinnest(self))
 
     def smallest_pore(self) -> None:
@@ -110,14 +119,18 @@ class CellBody(CellSystem):
         if not 0 < feature < math.inf:
             raise ModelError(f"feature: got {feature}; wanted a positive length")
         for level in range(DEEPEST):
-            if replace(self, level=level).smallest_feature() < feature * (1 - 1e-9):
+            found = replace(self, level=level).smallest_feature()
+            if found is None or found < feature * (1 - 1e-9):
                 return level - 1 if level else None
         return math.inf
 
     @property
     def feature_size(self) -> float | None:
-        """The length that ``per_feature`` divides."""
-        return self.smallest_feature() or None
+        """The length that ``per_feature`` divides.
+
+        Raises ``ModelError`` where cells are folded; names the first one's address.
+        """
+        return self._thinnest
 
 
 def filled(system: CellSystem) -> Floats:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from porous.errors import ModelError
 from porous.models.brep import MATCHING
 from porous.models.cell_body import SPLITS
 from porous.models.hexa_volume import block_volume
@@ -38,9 +39,22 @@ def exact_measures(body: CellBody) -> tuple[Measure, ...]:
     Volumes of cells that are affine images of their state's reference cell, and of blocks with
     eight controls however bent; areas of straight cubes; the closed union's Euler number and pieces
     (``_26``) of every system, those of 6-connected solids of digit sets and of cells that are
-    joined by faces.
+    joined by faces. Nothing is known of bodies with folded cells.
     """
+    if _is_folded(body):
+        return ()
     return (*_volumes(body), *_areas(body), *_topology(body))
+
+
+def _is_folded(body: CellBody) -> bool:
+    """Tell whether some cell is folded; affine images of cells that are not never are."""
+    if affine_volume(body.solution, body.controls, body.level) is not None:
+        return False
+    try:
+        _ = body.nodes.unfolded
+    except ModelError:
+        return True
+    return False
 
 
 def _row(name: str, value: float, unit: str = "1") -> Measure:

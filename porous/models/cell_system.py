@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import ModelError
-from porous.models.automaton import DEEPEST, Automaton
+from porous.models.automaton import DEEPEST, Automaton, check_cells, count_cells
 from porous.models.betti import betti
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_nodes import CellNodes, cell_nodes, placed_corners
@@ -82,7 +82,8 @@ class CellSystem(Value):
         wanted = self.brep.states[self.brep.start].controls.shape
         if self.controls.shape != wanted:
             raise ModelError(f"controls: got shape {self.controls.shape}; wanted {wanted}")
-        if not isinstance(self.level, int) or not 0 <= self.level <= DEEPEST:
+        whole = isinstance(self.level, int) and not isinstance(self.level, bool)
+        if not whole or not 0 <= self.level <= DEEPEST:
             raise ModelError(f"level: got {self.level!r}; wanted a whole number, 0 … {DEEPEST}")
 
     @property
@@ -157,6 +158,7 @@ class CellSystem(Value):
         """The boundary of the body that porosity refers to: the level-0 cell with nothing lost."""
         from porous.models.cell_bulk import bulk_surface
 
+        check_cells(self.automaton, count_cells(self.automaton, self.level), f"level {self.level}")
         return bulk_surface(self.solution, self.controls, self.level, self.unit)
 
     def sample_bulk(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+COINCIDENT = 1e-9
+"""Control points closer than this part of their extent are one."""
+
+
 class ChildSection(Section):
     """A child of a state: which state it is, and where its controls lie."""
 
@@ -124,6 +128,8 @@ def system(section: CIFSSection) -> tuple[Automaton, tuple[Drawing, ...]]:
     states = tuple(
         State(name, np.array(part.controls, np.float64).T) for name, part in section.states.items()
     )
+    for state in states:
+        _check_apart(state)
     transitions = [
         Transition(source, index_of(names, child.state, f"{where}.state"), matrix)
         for source, name in enumerate(names)
@@ -141,6 +147,19 @@ def system(section: CIFSSection) -> tuple[Automaton, tuple[Drawing, ...]]:
     if not transitions:
         raise ModelError("states: got no children at all; wanted a state that is refined")
     return Automaton(states, tuple(transitions), start), tuple(drawings)
+
+
+def _check_apart(state: State) -> None:
+    """Raise ``ModelError`` where two of a state's controls are one point."""
+    size = float(np.ptp(state.controls, axis=1).max())
+    gaps = np.abs(state.controls[:, :, None] - state.controls[:, None]).max(axis=0)
+    pairs = np.argwhere(np.triu(gaps <= COINCIDENT * size, 1))
+    if len(pairs):
+        i, j = pairs[0]
+        raise ModelError(
+            f"states.{state.name}.controls: {i} and {j} coincide at "
+            f"{tuple(state.controls[:, i].tolist())}; wanted points apart from each other"
+        )
 
 
 def index_of(names: list[str], name: str, where: str) -> int:

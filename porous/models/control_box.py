@@ -100,7 +100,7 @@ def control_box(
     for _ in range(ROUNDS):
         if (upper <= best + tolerance).all():
             break
-        held = _narrowed(weights, held)
+        held = narrowed(weights, held)
         again = _largest(weights, held, asked, tolerance, MOST_ROWS)
         best, upper = np.maximum(best, again[0]), np.minimum(upper, again[1])
     slack = 1e-12 * float(np.abs(controls).max()) * (1 + 2 * float(held.negative.max()))
@@ -123,8 +123,16 @@ def _roots(
     return _Rows(np.arange(len(states)), states, rows, offsets, np.full(len(states), np.inf))
 
 
-def _narrowed(weights: Weights, held: Intervals) -> Intervals:
-    """Return narrower intervals: coordinates and weights are searched as functionals themselves."""
+def narrowed(weights: Weights, held: Intervals) -> Intervals:
+    """Return narrower intervals: coordinates and weights are searched as functionals themselves.
+
+    Parameters
+    ----------
+    weights
+        The maps of weights.
+    held
+        Intervals that hold all weights of what is drawn and of the limit.
+    """
     count, n = held.lower.shape
     states, unit = np.repeat(np.arange(count), n), np.tile(np.eye(n), (count, 1))
     nothing = np.zeros(len(states))
@@ -235,7 +243,9 @@ def _bounded(weights: Weights, held: Intervals, rows: _Rows) -> _Rows:
             bounds[mine], part @ middle[q] + np.abs(part) @ half[q] + rows.offsets[mine]
         )
         if held.balls is not None:
-            reach = group_sizes(part, weights.groups[[q] * len(part)]) @ held.balls[q]
+            sizes = group_sizes(part, weights.groups[[q] * len(part)])
+            # A state may have fewer groups of coordinates than the one with most.
+            reach = sizes @ held.balls[q][: sizes.shape[1]]
             known = np.minimum(known, reach + rows.offsets[mine])
         values = part @ weights.controls[q].T
         top = values.max(axis=1)

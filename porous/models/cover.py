@@ -11,6 +11,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.memory import check_memory
+from porous.models.clouds import clouds, stamp_points
 from porous.models.pieces import Lattice, paint_balls, paint_cylinders
 from porous.values import CENTRE
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from porous.kernels.cover import System
     from porous.models.automaton import Automaton
+    from porous.models.clouds import Cloud
     from porous.values import Frame, Pattern
 
     Floats = NDArray[np.float64]
@@ -33,7 +35,7 @@ ENDS = 4
 """… and of a net's with the shortest edge of a cell over this."""
 
 COARSE = (4, 2, 1)
-"""Half diagonals, in voxels, of the descents that only mark voxels of the attractor's points."""
+"""Half diagonals, in cells, of the descents of a net before the last."""
 
 CELLS = 4
 """Cells per shortest edge of a voxel of the net that balls are drawn about …"""
@@ -60,15 +62,21 @@ ROUNDING = 1 + 1e-5
 
 
 def cover_attractor(
-    automaton: Automaton, balls: NDArray[np.float64], frame: Frame, *, offset: float = 0.0
+    automaton: Automaton,
+    balls: NDArray[np.float64],
+    frame: Frame,
+    *,
+    offset: float = 0.0,
+    fine: int = FINE,
 ) -> tuple[NDArray[np.uint64], float]:
     """Mark every voxel that an attractor touches, possibly a few more, with a Hausdorff bound.
 
     Words are descended with boxes that are certain to hold their part of the attractor, each
     within its parent's, down to a half diagonal of ε = min(spacing) / 16; every voxel that a last
     box touches is marked. So the attractor lies in marked voxels, and every point of these is
-    within a voxel's diagonal + 2 ε of it. The marks depend on the lattice alone: not on the order
-    of the maps, the tile or the threads.
+    within a voxel's diagonal + 2 ε of it. Voxels that hold one of the attractor's points are
+    marked first: a word whose box touches no others can add none, nor can longer ones. The marks
+    depend on the lattice alone: not on the order of the maps, the tile or the threads.
 
     Parameters
     ----------
@@ -81,6 +89,8 @@ def cover_attractor(
     offset
         Radius of the ball that the attractor is grown by, zero or more. Grown sets are covered by
         the balls about a net of the attractor, as in ``sample_attractor``.
+    fine
+        What part of the shortest edge of a voxel ε is: more than one.
 
     Returns
     -------
@@ -98,10 +108,8 @@ def cover_attractor(
         return masks, (frame.diagonal + 2 * net.error) * ROUNDING
     h = min(frame.spacing)
     window = _Window(np.array(frame.start), np.array(frame.shape), np.array(frame.spacing))
-    marks = window.marked(
-        _system(automaton, balls.tobytes()), _root(automaton, frame, 1), h / FINE, whole=True
-    )
-    return marks.astype(np.uint64), (frame.diagonal + 2 * h / FINE) * ROUNDING
+    marks = window.covered(automaton, balls, _root(automaton, frame, 1), h / fine)
+    return marks.astype(np.uint64), (frame.diagonal + 2 * h / fine) * ROUNDING
 
 
 def sample_attractor(
@@ -163,30 +171,52 @@ class _Window:
     shape: Indices
     spacing: Floats
 
-    def marked(
-        self, system: System, root: tuple[int, Floats], size: float, *, whole: bool
+    def covered(
+        self, automaton: Automaton, balls: Floats, root: tuple[int, Floats], size: float
     ) -> NDArray[np.uint8]:
-        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
+        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1."""
+        marks, given = self._empty(), balls.tobytes()
+        here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
+        system = _system(automaton, given)
+        stamp_points(marks, system, _clouds(automaton, given), (root[0], here), self.spacing)
+        self._descend(marks, system, root, (size,), whole=True)
+        return marks
 
-        Where not ``whole``, which cells hold a point of the attractor from such a box.
-        """
-        from porous.kernels.cover import Descent
+    def holding_points(
+        self, system: System, root: tuple[int, Floats], size: float
+    ) -> NDArray[np.uint8]:
+        """Return which cells hold a point of the attractor from a box of half diagonal ``size``."""
+        marks = self._empty()
+        # Points of larger boxes first: most last boxes then touch marked cells only.
+        coarse = [step * float(self.spacing.min()) for step in COARSE]
+        self._descend(marks, system, root, (*coarse, size), whole=False)
+        return marks
 
+    def _empty(self) -> NDArray[np.uint8]:
         voxels = math.prod(map(int, self.shape))
-        limit = MOST_STEPS + STEPS_PER_VOXEL * voxels
         if voxels > SMALL:
             check_memory(voxels, f"a net of {voxels} cells", "Choose fewer voxels.")
-        marks = np.zeros(self.shape, np.uint8)
+        return np.zeros(self.shape, np.uint8)
+
+    def _descend(
+        self,
+        marks: NDArray[np.uint8],
+        system: System,
+        root: tuple[int, Floats],
+        sizes: tuple[float, ...],
+        *,
+        whole: bool,
+    ) -> None:
+        from porous.kernels.cover import Descent
+
+        limit = MOST_STEPS + STEPS_PER_VOXEL * marks.size
         descent = Descent(marks, self.start, self.spacing, system, root)
-        # Points of the attractor first: most last boxes then touch marked cells only.
-        coarse = [step * float(self.spacing.min()) for step in COARSE]
-        for stop in (*coarse, size):
-            if descent.run(stop, whole=whole and stop == size, limit=limit) > limit:
+        for size in sizes:
+            if descent.run(size, whole=whole, limit=limit) > limit:
                 raise ModelError(
                     f"the parts of this attractor overlap so much that {limit} words do not "
                     "decide which voxels it touches; choose fewer voxels, or a level"
                 )
-        return marks
 
 
 @dataclass(frozen=True)
@@ -209,7 +239,7 @@ class _Net:
         window = _Window(start, np.maximum(stop - start, 1), cell)
         size = float(cell.min()) / ENDS
         system, root = _system(automaton, balls.tobytes()), _root(automaton, frame, split)
-        marks = window.marked(system, root, size, whole=False)
+        marks = window.holding_points(system, root, size)
         return cls(window, origin, marks, _net_error(cell))
 
     def grown(self, frame: Frame, pattern: Pattern, radius: float) -> NDArray[np.uint64]:
@@ -276,6 +306,12 @@ def _system(automaton: Automaton, given: bytes) -> System:
         [_point(state, first, targets, maps, balls) for state in range(len(automaton.states))]
     )
     return System(first, targets, maps, balls, blocks, points)
+
+
+@lru_cache(maxsize=8)
+def _clouds(automaton: Automaton, given: bytes) -> tuple[Cloud, ...]:
+    """Return points of each state's attractor."""
+    return clouds(_system(automaton, given))
 
 
 def _tightened(

@@ -29,6 +29,8 @@ POWERS = 3
 def block_volume(corners: Floats, digits: Sequence[DigitSet]) -> float:
     """Return the volume of the image of the cubes that digit sets keep, in the corners' unit³.
 
+    Of a block that is nowhere folded; it may be mirrored.
+
     Parameters
     ----------
     corners
@@ -40,7 +42,7 @@ def block_volume(corners: Floats, digits: Sequence[DigitSet]) -> float:
     moments = moments.reshape((POWERS,) * 3)
     for level in reversed(digits):
         moments = _coarser(moments, level)
-    return float((jacobian(corners) * moments).sum())
+    return abs(float((jacobian(corners) * moments).sum()))
 
 
 def jacobian(corners: Floats) -> Floats:

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     Rule = NDArray[np.float64]
 
 
+FARTHEST = 4.0
+"""How far from the chord points between pieces may lie, in parts of the line's bend."""
+
+
 @dataclass(frozen=True, eq=False)
 class Texture(Value):
     """How rough a line of three controls a, c, b is, as parts of its bend c − (a + b)/2.
@@ -44,6 +48,13 @@ class Texture(Value):
     def __post_init__(self) -> None:
         for field in ("edge", "bump"):
             self._set(field, _values(getattr(self, field), f"texture.{field}"))
+        bump = self.bump if isinstance(self.bump, tuple) else (self.bump,)
+        far = [h for h in bump if h is not None and abs(h) > FARTHEST]
+        if far:
+            raise ModelError(
+                f"texture.bump: got h = {far[0]:g}; wanted -{FARTHEST:g} … {FARTHEST:g}, in parts "
+                "of the bend"
+            )
         edge = self.edge if isinstance(self.edge, tuple) else (self.edge,)
         for index, r in enumerate(edge):
             if r is not None and not abs(r) < 1:

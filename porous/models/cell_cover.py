@@ -1,0 +1,434 @@
+"""Limits of cells with control points in voxels: covers with a certificate, and grown by a ball.
+
+The limit of a state is a set of weights, and a cell's part of the figure the image of it under the
+cell's control points. Intervals that hold the weights (``models.weight_intervals``; entries may be
+negative) therefore give every cell a box that is certain to hold its part.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from porous.errors import ModelError
+from porous.memory import check_memory
+from porous.models.adapted import EPSILON
+from porous.models.automaton import Automaton, Cells, State, Transition, product
+from porous.models.control_box import narrowed
+from porous.models.drawing import Drawing, body, nothing
+from porous.models.simplices import Simplices
+from porous.models.weight_intervals import endless, intervals, weights_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from porous.kernels.cell_cover import Descent, Weighed
+    from porous.models.weight_intervals import Endless, Intervals, Weights
+    from porous.values import Frame, Pattern
+
+    Floats = NDArray[np.float64]
+    Indices = NDArray[np.int64]
+
+FINE = 16
+"""Boxes at the end of a descent have half diagonals of a voxel's shortest edge over this."""
+
+ENDS = 4
+"""… and of a net's with the shortest edge of a cell over this."""
+
+COARSE = (4, 2, 1)
+"""Half diagonals, in voxels, of the descents that only mark voxels of the limit's points."""
+
+CELLS = 4
+"""Cells per shortest edge of a voxel of the net that balls are drawn about …"""
+
+CELLS_OF_OFFSET = 48
+"""… but cells need not be smaller than the offset over this."""
+
+MOST_STEPS = 20_000_000
+STEPS_PER_VOXEL = 300
+"""Cells that a descent may look at: at least, and per voxel of its window."""
+
+NARROWER = 0.98
+"""Intervals are narrowed as long as the sum of their lengths falls below this part of it, …"""
+
+ROUNDS = 8
+"""… and no more often than this."""
+
+SMALL = 1 << 27
+"""Bytes of a net that are not worth asking the memory about."""
+
+SIMPLEX_BYTES = 200
+"""Memory of a simplex that is drawn, about."""
+
+ROUNDING = 1 + 1e-5
+"""Covers the kernels' slack."""
+
+EDGE = 1e-3
+"""What marks the voxels of bodies exactly may err by this part of a voxel."""
+
+
+def cover_cells(
+    automaton: Automaton,
+    frame: Frame,
+    *,
+    drawings: tuple[Drawing, ...] = (),
+    offset: float = 0.0,
+) -> tuple[NDArray[np.uint64], float]:
+    """Mark every voxel that a limit touches, possibly a few more, with a Hausdorff bound.
+
+    Words are descended with boxes that are certain to hold their part of the limit, each within
+    its parent's, down to a half diagonal of ε = min(spacing) / 16; every voxel that a last box
+    touches is marked. So the limit lies in marked voxels, and every point of these is within a
+    voxel's diagonal + 2 ε of it. The marks depend on the lattice alone: not on the order of the
+    maps, the tile or the threads.
+
+    Parameters
+    ----------
+    automaton
+        States of any number of controls; weights may be negative. The start state's controls are
+        in the world.
+    frame
+        The voxels.
+    drawings
+        What the cells of each state are drawn as, of which only those of states whose paths end
+        count: such cells, of any level, belong to the limit. None where all paths are endless.
+    offset
+        Radius of the ball that the limit is grown by, zero or more. Grown sets are covered by
+        balls about a net of the limit, as in ``sample_cells``.
+
+    Returns
+    -------
+    uint64 marks of shape ``frame.shape``, 0 or 1; the bound in the frame's unit.
+
+    Raises
+    ------
+    ModelError
+        Where no bounds on the weights are found, cells overlap so much that the work has no end in
+        sight, or what ends is swept by balls or shall grow by one.
+    """
+    limit = _limit(automaton, drawings)
+    if offset > 0:
+        net = _Net.about(limit, frame, offset + frame.diagonal)
+        marks, _ = net.grown(offset + net.error).cover(frame)
+        return marks, (frame.diagonal + 2 * net.error) * ROUNDING
+    h = min(frame.spacing)
+    window = _Window(np.array(frame.start), np.array(frame.shape), np.array(frame.spacing))
+    root = limit.root(np.array(frame.origin), window.spacing)
+    descent = window.descent(limit, root)
+    marks = window.marked(descent, h / FINE, whole=True).astype(np.uint64)
+    bound = (frame.diagonal + 2 * h / FINE) * ROUNDING
+    for found, error in _ended(limit, descent, frame):
+        marks |= found
+        bound = max(bound, error)
+    return marks, bound
+
+
+def sample_cells(
+    automaton: Automaton,
+    frame: Frame,
+    pattern: Pattern,
+    *,
+    drawings: tuple[Drawing, ...] = (),
+    offset: float,
+) -> NDArray[np.uint64]:
+    """Return the masks of a limit grown by a ball of radius ``offset``.
+
+    Balls are drawn about a net: the cells, on a lattice finer than the voxels, that hold a point
+    of each small part of the limit. The net's Hausdorff distance from the limit is at most 1.37
+    cells, a cell being a quarter of a voxel's shortest edge, or a 48th of the offset where that is
+    larger; so what is drawn lies within that distance of the true body.
+
+    Parameters and errors as in ``cover_cells``; ``pattern`` says where samples lie.
+
+    Raises
+    ------
+    ModelError
+        Also for an offset of zero: no sample point lies in a set without volume.
+    """
+    if not offset > 0:
+        raise ModelError(
+            f"offset: got {offset}; wanted a length above zero, for the limit has no volume of its "
+            'own; or sampling = "cover"'
+        )
+    net = _Net.about(_limit(automaton, drawings), frame, offset)
+    return net.grown(offset).sample(frame, pattern)
+
+
+def cells_error(frame: Frame, offset: float) -> float:
+    """Return how far what ``sample_cells`` draws may be from the true body, in its unit."""
+    return _net_error(_cells(frame, offset)[1])
+
+
+# --- what is known of a limit --------------------------------------------------------------
+
+
+class _End(NamedTuple):
+    """A cell that ends, below an endless state: its state, and its controls' weights (m, k)."""
+
+    state: int
+    matrix: Floats
+
+
+@dataclass(frozen=True)
+class _Limit:
+    """The maps of weights for the kernel, and the cells that end below each endless state."""
+
+    automaton: Automaton
+    drawings: tuple[Drawing, ...]
+    weights: Weights
+    held: Intervals
+    weighed: Weighed
+    start: int
+    ends: tuple[tuple[_End, ...], ...]
+
+    def root(self, origin: Floats, cell: Floats) -> tuple[int, Floats]:
+        """Return the start state, and its rows, offset and errors in cells of a lattice."""
+        q, controls = self.start, self.automaton.states[self.automaton.start].controls
+        z, width = controls[:, :-1] - controls[:, -1:], controls.shape[1] - 1
+        X, c = self.weights.bases[q], self.weights.centres[q]
+        rows = np.zeros((3, X.shape[1]))
+        rows[:] = z @ X[:width]
+        place = z @ c[:width] + controls[:, -1]
+        # Y·X is nearly one; by how much it is not shows in rows·y.
+        Y = (self.weights.controls[q][:-1] - self.weights.controls[q][-1]).T
+        size = np.abs(Y) @ np.abs(X[:width])
+        defect = np.abs(Y @ X[:width] - np.eye(len(X))) + (len(X) + 8) * EPSILON * size
+        reach = np.maximum(np.abs(self.held.lower[q]), np.abs(self.held.upper[q]))
+        sizes = np.abs(z) @ np.abs(X[:width])
+        error = 2 * sizes @ (defect @ reach + (len(X) + 8) * EPSILON * reach)
+        error += (len(X) + 8) * EPSILON * (np.abs(z) @ np.abs(c[:width]) + np.abs(place))
+        return q, np.column_stack([rows, place - origin, error]) / cell[:, None]
+
+
+@lru_cache(maxsize=8)
+def _limit(automaton: Automaton, drawings: tuple[Drawing, ...]) -> _Limit:
+    """Return what is known of the limit of an automaton's start."""
+    drawn = drawings or tuple(nothing(state.size) for state in automaton.states)
+    part, ends = _endless(automaton, drawn)
+    weights = weights_of(part)
+    held = _narrow(weights, intervals(weights))
+    start = part.states.index(automaton.start)
+    weighed = _weighed(weights, held, tuple(bool(own) for own in ends))
+    return _Limit(automaton, drawn, weights, held, weighed, start, ends)
+
+
+def _endless(
+    automaton: Automaton, drawings: tuple[Drawing, ...]
+) -> tuple[Endless, tuple[tuple[_End, ...], ...]]:
+    """Return the states with endless paths, and what ends below each of them."""
+    states, transitions = list(automaton.states), list(automaton.transitions)
+    last = [q for q, children in enumerate(automaton.children) if not children]
+    for q in last:
+        if not drawings[q].is_empty:
+            transitions.append(Transition(q, len(states), drawings[q].corners))
+            corners = states[q].controls @ drawings[q].corners
+            states.append(State(f"{states[q].name}, drawn", corners))
+    drawn = dict.fromkeys(range(len(automaton.states)), ())
+    part, _ = endless(Automaton(tuple(states), tuple(transitions), automaton.start), drawn)
+    if automaton.start not in part.states:
+        raise ModelError(
+            f'level: "limit" wants endless paths; all that start from '
+            f"{automaton.states[automaton.start].name!r} end. Wanted a number"
+        )
+    ends = tuple(tuple(_ends(automaton, drawings, q, part.states)) for q in part.states)
+    used = {end.state for own in ends for end in own}
+    for q in used:
+        if drawings[q].reach:
+            raise ModelError(
+                f'level: "limit" draws ever smaller cells of {automaton.states[q].name!r}, whose '
+                "radius or thickness does not shrink with them; wanted solids, or a number"
+            )
+    return part, ends
+
+
+def _ends(
+    automaton: Automaton, drawings: tuple[Drawing, ...], state: int, open_: list[int]
+) -> Iterator[_End]:
+    """Yield the drawn cells of all paths from a state that end, by way of none that is endless."""
+    front = [(t.target, t.matrix) for t in automaton.children[state] if t.target not in open_]
+    while front:
+        q, matrix = front.pop()
+        front += [(t.target, matrix @ t.matrix) for t in automaton.children[q]]
+        if not automaton.children[q] and not drawings[q].is_empty:
+            yield _End(q, matrix)
+
+
+def _narrow(weights: Weights, held: Intervals) -> Intervals:
+    """Return intervals as narrow as some searches make them."""
+    for _ in range(ROUNDS):
+        before = (held.upper - held.lower).sum()
+        held = narrowed(weights, held)
+        if (held.upper - held.lower).sum() > NARROWER * before:
+            break
+    return held
+
+
+def _weighed(weights: Weights, held: Intervals, ended: tuple[bool, ...]) -> Weighed:
+    from porous.kernels.cell_cover import Weighed
+
+    system, n = weights.system, weights.shifts.shape[1]
+    reach = np.maximum(np.abs(held.lower), np.abs(held.upper))[system.targets]
+    doubts = np.einsum("tij,tj->ti", system.errors, reach) + weights.doubts
+    sizes = np.einsum("tij,tj->ti", np.abs(system.matrices), reach) + np.abs(weights.shifts)
+    doubts += (2 * n + 8) * EPSILON * sizes
+    maps = np.concatenate([system.matrices, weights.shifts[:, :, None], doubts[:, :, None]], axis=2)
+    rows = np.column_stack([system.sources, system.targets, maps.reshape(len(maps), -1)]) + 0.0
+    rows = np.unique(rows, axis=0)
+    first = np.searchsorted(rows[:, 0], np.arange(len(weights.widths) + 1))
+    middles, halves = (held.lower + held.upper) / 2, (held.upper - held.lower) / 2
+    points = [p[0] if len(p) else middle for p, middle in zip(weights.points, middles, strict=True)]
+    return Weighed(
+        first,
+        rows[:, 1].astype(np.int64),
+        rows[:, 2:].reshape(-1, n, n + 2),
+        middles,
+        halves * (1 + 1e-12) + 1e-15 * reach.max(initial=0.0),
+        np.array(points),
+        np.array(ended, np.int64),
+        np.zeros(len(middles)),
+    )
+
+
+# --- windows -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A part of a lattice: first cell, numbers of cells, edge lengths of a cell."""
+
+    start: Indices
+    shape: Indices
+    spacing: Floats
+
+    def descent(self, limit: _Limit, root: tuple[int, Floats]) -> Descent:
+        """Return a descent that marks this window's cells."""
+        from porous.kernels.cell_cover import Descent
+
+        voxels = math.prod(map(int, self.shape))
+        if voxels > SMALL:
+            check_memory(voxels, f"a net of {voxels} cells", "Choose fewer voxels.")
+        reach = np.array([_margin(limit, own, self.spacing) for own in limit.ends])
+        marks = np.zeros(self.shape, np.uint8)
+        return Descent(marks, self.start, self.spacing, limit.weighed._replace(reach=reach), root)
+
+    def marked(self, descent: Descent, size: float, *, whole: bool) -> NDArray[np.uint8]:
+        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
+
+        Where not ``whole``, which cells hold a point of the limit from such a box.
+        """
+        limit = MOST_STEPS + STEPS_PER_VOXEL * math.prod(map(int, self.shape))
+        # Points of the limit first: most last boxes then touch marked cells only.
+        coarse = [step * float(self.spacing.min()) for step in COARSE]
+        for stop in (*coarse, size):
+            if descent.run(stop, whole=whole and stop == size, limit=limit) > limit:
+                raise ModelError(
+                    f"the cells of this limit overlap so much that {limit} of them do not decide "
+                    "which voxels it touches; choose fewer voxels, or a level"
+                )
+        return descent.marks
+
+
+def _margin(limit: _Limit, ends: tuple[_End, ...], spacing: Floats) -> float:
+    """Return how far from an endless state's box the cells that end below it may mark voxels."""
+    bodies = [limit.drawings[end.state].primitive for end in ends]
+    if any(body is not None and body.radius is not None for body in bodies):
+        return float(np.linalg.norm(spacing)) / 2 * ROUNDING
+    return EDGE * float(spacing.min()) if ends else 0.0
+
+
+def _ended(
+    limit: _Limit, descent: Descent, frame: Frame
+) -> Iterator[tuple[NDArray[np.uint64], float]]:
+    """Yield the marks, with their bounds, of the cells that end below those that were opened."""
+    spacing, origin = np.array(frame.spacing), np.array(frame.origin)
+    for owners, nodes in descent.opened:
+        n = nodes.shape[2] - 2
+        for q, ends in enumerate(limit.ends):
+            opened = nodes[owners == q]
+            for end in ends if len(opened) else ():
+                y = limit.weights.controls[q].T @ end.matrix
+                places = product(opened[:, :, :n], y) + opened[:, :, n, None]
+                points = places * spacing[:, None] + origin[:, None]
+                count = len(points)
+                simplices = max(1, limit.drawings[end.state].simplices)
+                check_memory(count * simplices * SIMPLEX_BYTES, f"{count} cells", "Fewer voxels.")
+                group = Cells(end.state, points, np.arange(count))
+                drawn = body(limit.drawings, [group], np.zeros(count, np.int64))
+                yield drawn.cover(frame)
+
+
+# --- nets ----------------------------------------------------------------------------------
+
+
+def _cells(frame: Frame, reach: float) -> tuple[Indices, Floats]:
+    """Return into how many cells of a net a voxel is split, and their edge lengths."""
+    h = np.array(frame.spacing)
+    finest = max(float(h.min()) / CELLS, reach / CELLS_OF_OFFSET)
+    split = np.maximum(np.ceil(h / finest * (1 - 1e-9)), 1).astype(np.int64)
+    return split, h / split
+
+
+def _net_error(cell: Floats) -> float:
+    # A point of the limit is in a box with the point that marked a cell. Between the centres of
+    # two cells nothing is further from both points than one's far corners.
+    ends = 2 * float(cell.min()) / ENDS
+    far = math.hypot(cell[0] / 2, cell[1] / 2, cell[2])
+    return float(max(math.hypot(*(cell / 2)) + ends, far))
+
+
+@dataclass(frozen=True)
+class _Net:
+    """Cells that a limit touches; ``error`` is their Hausdorff distance from it, at most."""
+
+    window: _Window
+    origin: Floats
+    marks: NDArray[np.uint8]
+    error: float
+
+    @classmethod
+    def about(cls, limit: _Limit, frame: Frame, reach: float) -> _Net:
+        """Return the net of the part of a limit within ``reach`` of a frame."""
+        if any(limit.ends):
+            names = {limit.automaton.states[end.state].name for own in limit.ends for end in own}
+            raise ModelError(
+                f'offset: level = "limit" does not grow the cells of {", ".join(sorted(names))}, '
+                "which end; wanted no offset, or a number"
+            )
+        _, cell = _cells(frame, reach)
+        origin = np.array(frame.origin)
+        lower, upper = _reached(limit, frame, reach)
+        start = np.floor((lower - origin) / cell).astype(np.int64) - 1
+        stop = np.ceil((upper - origin) / cell).astype(np.int64) + 1
+        window = _Window(start, np.maximum(stop - start, 1), cell)
+        descent = window.descent(limit, limit.root(origin, cell))
+        marks = window.marked(descent, float(cell.min()) / ENDS, whole=False)
+        return cls(window, origin, marks, _net_error(cell))
+
+    def grown(self, radius: float) -> Simplices:
+        """Return the net's runs of cells along z, grown by a ball."""
+        ends = self.runs()
+        return Simplices(capsules=ends, capsule_radii=np.full(len(ends), radius))
+
+    def runs(self) -> Floats:
+        """Return the ends (k, 2, 3) of runs of marked cells along z."""
+        change = np.diff(self.marks.astype(np.int8), axis=2, prepend=0, append=0)
+        first, last = np.argwhere(change > 0), np.argwhere(change < 0) - [0, 0, 1]
+        index = np.stack([first, last], axis=1)
+        return np.asarray(self.origin + (self.window.start + index + 0.5) * self.window.spacing)
+
+
+def _reached(limit: _Limit, frame: Frame, reach: float) -> tuple[Floats, Floats]:
+    """Return the box in which points of the limit can be within ``reach`` of a frame."""
+    q, rows = limit.root(np.zeros(3), np.ones(3))
+    n = rows.shape[1] - 2
+    middle = rows[:, :n] @ limit.weighed.middles[q] + rows[:, n]
+    half = np.abs(rows[:, :n]) @ limit.weighed.halves[q] + rows[:, n + 1]
+    lower = np.maximum(np.array(frame.box.lower) - reach, middle - half)
+    upper = np.minimum(np.array(frame.box.upper) + reach, middle + half)
+    return lower, np.maximum(lower, upper)
