@@ -132,34 +132,44 @@ def _descend(
     # for rounding.
     steps = 0
     while top > 0 and steps < budget:
+        many = first[states[top - 1] + 1] - first[states[top - 1]]
+        if top + many > len(states):
+            return top, steps, True
         top -= 1
-        steps += 1
         state = states[top]
-        count = _touched(boxes[top], start, marks.shape, span)
-        if count == 0 or (count <= ASKED and _all_marked(marks, span)):
+        # Its voxels may have been marked since by others.
+        if _touched(boxes[top], start, marks.shape, span) <= ASKED and _all_marked(marks, span):
             continue
-        if first[state] == first[state + 1] or _size(boxes[top], spacing) <= stop:
-            if whole:
+        m = nodes[top]
+        m00, m01, m02, m03 = m[0, 0], m[0, 1], m[0, 2], m[0, 3]
+        m10, m11, m12, m13 = m[1, 0], m[1, 1], m[1, 2], m[1, 3]
+        m20, m21, m22, m23 = m[2, 0], m[2, 1], m[2, 2], m[2, 3]
+        b0, b1, b2 = boxes[top, 0], boxes[top, 1], boxes[top, 2]
+        b3, b4, b5 = boxes[top, 3], boxes[top, 4], boxes[top, 5]
+        steps += many
+        for child in range(first[state], first[state + 1]):
+            node, box = nodes[top], boxes[top]
+            for c in range(4):
+                t0, t1, t2 = maps[child, 0, c], maps[child, 1, c], maps[child, 2, c]
+                node[0, c] = m00 * t0 + m01 * t1 + m02 * t2
+                node[1, c] = m10 * t0 + m11 * t1 + m12 * t2
+                node[2, c] = m20 * t0 + m21 * t1 + m22 * t2
+            node[0, 3] += m03
+            node[1, 3] += m13
+            node[2, 3] += m23
+            box[0], box[1], box[2], box[3], box[4], box[5] = b0, b1, b2, b3, b4, b5
+            target = targets[child]
+            _enclose(node, balls[target], blocks[target], box)
+            count = _touched(box, start, marks.shape, span)
+            if count == 0 or (count <= ASKED and _all_marked(marks, span)):
+                continue
+            if first[target] < first[target + 1] and _size(box, spacing) > stop:
+                states[top] = target
+                top += 1
+            elif whole:
                 marks[span[0] : span[3] + 1, span[1] : span[4] + 1, span[2] : span[5] + 1] = 1
             else:
-                _stamp(marks, start, nodes[top], points[state])
-            continue
-        many = first[state + 1] - first[state]
-        if top + many + 1 > len(states):
-            return top + 1, steps - 1, True
-        parent, outer = nodes[len(states)], boxes[len(states)]
-        parent[:, :], outer[:] = nodes[top], boxes[top]
-        for child in range(first[state], first[state + 1]):
-            for a in range(3):
-                for b in range(4):
-                    value = parent[a, 3] if b == 3 else 0.0
-                    for c in range(3):
-                        value += parent[a, c] * maps[child, c, b]
-                    nodes[top, a, b] = value
-            boxes[top, :] = outer
-            _enclose(nodes[top], balls[targets[child]], blocks[targets[child]], boxes[top])
-            states[top] = targets[child]
-            top += 1
+                _stamp(marks, start, node, points[target])
     return top, steps, False
 
 

@@ -1,0 +1,162 @@
+"""Clouds of attractor points: where they lie, how dense they are, which voxels they mark."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import porous as po
+from porous.kernels.clouds import stamp
+from porous.models import clouds, cover
+from porous.models.automaton import of_maps
+from porous.models.enclosure import enclosing_balls
+from porous.values import Frame
+
+
+def turned_maps(count, ratio, seed):
+    random = np.random.default_rng(seed)
+    turned = [np.linalg.qr(random.normal(size=(3, 3)))[0] for _ in range(count)]
+    return [(q * ratio, random.uniform(-0.5, 0.5, 3)) for q in turned]
+
+
+MENGER = [
+    (np.eye(3) / 3, np.array(d) / 3)
+    for d in itertools.product(range(3), repeat=3)
+    if sum(v == 1 for v in d) < 2
+]
+FERN = [
+    (np.diag([0.0, 0.16, 0.0]), np.zeros(3)),
+    (np.array([[0.85, 0.04, 0], [-0.04, 0.85, 0.1], [0, -0.1, 0.3]]), np.array([0, 1.6, 0])),
+    (np.array([[0.2, -0.26, 0], [0.23, 0.22, 0], [0, 0, 0.3]]), np.array([0, 1.6, 0])),
+]
+SYSTEMS = {
+    "menger": MENGER,
+    "fern": FERN,
+    "turned": turned_maps(4, 0.5, 1),
+    "overlapping": turned_maps(5, 0.6, 2),
+    "one point": [(np.eye(3) / 2, np.array([0.1, 0.2, 0.3]))],
+    "unequal": [(np.eye(3) * r, np.array([r, 1 - r, r / 2])) for r in (0.1, 0.3, 0.6)],
+}
+each_system = pytest.mark.parametrize("name", SYSTEMS)
+
+
+def system_of(maps):
+    automaton = of_maps(maps)
+    balls = enclosing_balls(automaton)
+    return automaton, balls, cover._system(automaton, balls.tobytes())
+
+
+def framed(maps, voxels):
+    return Frame.fit(po.ifs(maps, level="limit").domain, voxels=voxels)
+
+
+def marked(maps, frame):
+    automaton, balls, system = system_of(maps)
+    state, map_ = cover._root(automaton, frame, 1)
+    map_[:, 3] -= frame.start
+    marks = np.zeros(frame.shape, np.uint8)
+    found = clouds.clouds(system)
+    clouds.stamp_points(marks, system, found, (state, map_), np.array(frame.spacing))
+    return marks, cover.cover_attractor(automaton, balls, frame)[0]
+
+
+@each_system
+def test_every_marked_voxel_is_of_the_cover_and_most_of_them_are(name):
+    frame = framed(SYSTEMS[name], 45)
+    marks, whole = marked(SYSTEMS[name], frame)
+    assert set(np.unique(marks)) <= {0, 1}
+    assert not (marks.astype(bool) & (whole == 0)).any()
+    assert marks.sum() >= (0.1 if name == "one point" else 0.3) * whole.sum()
+
+
+@each_system
+def test_points_of_a_cloud_lie_in_the_attractor(name):
+    maps = SYSTEMS[name]
+    _, balls, system = system_of(maps)
+    (cloud,) = clouds.clouds(system)
+    points = cloud.points.T
+    assert 1 <= len(points) <= clouds.POINTS
+    assert (np.linalg.norm(points - balls[0, :3], axis=1) <= balls[0, 3] * (1 + 1e-9) + 1e-12).all()
+    # Their images under words are within these words' parts, and no point is far from an image.
+    frame = framed(maps, 31)
+    automaton = of_maps(maps)
+    whole, _ = cover.cover_attractor(automaton, balls, frame)
+    index = np.floor((points - frame.origin) / frame.spacing).astype(int)
+    inside = ((index >= 0) & (index < frame.shape)).all(axis=1)
+    assert whole[tuple(index[inside].T)].all()
+
+
+def test_how_dense_a_cloud_is():
+    (cloud,) = clouds.clouds(system_of(MENGER)[2])
+    assert cloud.points.shape == (3, 8000)
+    assert cloud.fineness == pytest.approx(1 / 27, rel=1e-6)
+    assert cloud.dimension == pytest.approx(np.log(20) / np.log(3))
+    (single,) = clouds.clouds(system_of(SYSTEMS["one point"])[2])
+    assert single.points.shape == (3, 1)
+    assert single.dimension == 0
+
+
+def test_marks_do_not_reach_beyond_a_tile():
+    maps = SYSTEMS["turned"]
+    frame = framed(maps, 60)
+    whole = cover.cover_attractor(*system_of(maps)[:2], frame)[0]
+    tile = frame.tile((11, 5, 20), (40, 33, 41))
+    marks, part = marked(maps, tile)
+    assert np.array_equal(part, whole[11:40, 5:33, 20:41])
+    assert not (marks.astype(bool) & (part == 0)).any()
+
+
+entries = st.floats(-3, 3, width=32)
+
+
+@settings(max_examples=30)
+@given(st.lists(entries, min_size=12, max_size=12), st.integers(0, 10**6))
+def test_stamping_is_what_it_says(values, seed):
+    random = np.random.default_rng(seed)
+    cloud = random.normal(size=(3, 200))
+    maps = np.array([np.reshape(values, (3, 4)), np.eye(3, 4)])
+    maps[:, :, 3] += [5, 6, 4]
+    marks = np.zeros((9, 11, 8), np.uint8)
+    stamp(marks, maps, cloud, inside=False)
+    expected = np.zeros_like(marks)
+    for map_ in maps:
+        place = np.floor((map_ @ np.vstack([cloud, np.ones(200)])).T)
+        for point in place[((place >= 0) & (place < marks.shape)).all(axis=1)]:
+            expected[tuple(point.astype(int))] = 1
+    different = np.argwhere(expected != marks)  # but for points on a border between voxels
+    assert len(different) <= 1
+
+
+def test_both_ways_of_stamping_agree():
+    random = np.random.default_rng(5)
+    cloud = random.uniform(-1, 1, (3, 500))
+    maps = np.concatenate([np.eye(3)[None].repeat(4, 0), random.uniform(2, 5, (4, 3, 1))], axis=2)
+    one, other = np.zeros((8, 9, 7), np.uint8), np.zeros((8, 9, 7), np.uint8)
+    stamp(one, maps, cloud, inside=True)
+    stamp(other, maps, cloud, inside=False)
+    assert np.array_equal(one, other)
+    assert one.any()
+
+
+def test_no_more_words_than_points_are_wanted():
+    _, _, system = system_of(turned_maps(6, 0.7, 5))
+    shape = np.array([40, 41, 42])
+    root = (0, np.column_stack([np.eye(3) * 20, np.full(3, 20.0)]))
+    found = clouds.clouds(system)
+    words = clouds.fitting(system, found, root, shape, np.ones(3))
+    assert len(words.states) * found[0].points.shape[1] <= (
+        clouds.MOST_POINTS * shape.prod() + found[0].points.shape[1]
+    )
+
+
+@each_system
+def test_a_coarser_cover_holds_a_finer_one(name):
+    automaton, balls, _ = system_of(SYSTEMS[name])
+    frame = framed(SYSTEMS[name], 33)
+    fine, near = cover.cover_attractor(automaton, balls, frame)
+    rough, far = cover.cover_attractor(automaton, balls, frame, fine=2)
+    assert not ((fine != 0) & (rough == 0)).any()
+    assert frame.diagonal < near < far
+    assert far == pytest.approx(frame.diagonal + min(frame.spacing), rel=1e-4)
