@@ -94,7 +94,7 @@ def bare(folder):
 
 
 @contextmanager
-def calls(act):
+def calls(act, names=CALLS):
     """Have ``act(number, name, real, args, kwargs)`` in the place of every call to the disk."""
     count = 0
 
@@ -106,16 +106,16 @@ def calls(act):
 
         return call
 
-    for name in CALLS:
+    for name in names:
         setattr(os, name, standing_for(name))
     try:
         yield
     finally:
-        for name in CALLS:
+        for name in names:
             setattr(os, name, REAL[name])
 
 
-def counted(work):
+def counted(work, among=CALLS):
     """Return the names of all calls to the disk that ``work`` makes."""
     names = []
 
@@ -123,7 +123,7 @@ def counted(work):
         names.append(name)
         return real(*args, **kwargs)
 
-    with calls(act):
+    with calls(act, among):
         work()
     return names
 
@@ -212,15 +212,19 @@ def kills_at_calls(case, folder, numbers, when):
     return {"trials": len(numbers), "struck": killed, "read_as_whole": whole}
 
 
-def kills_at_random(case, folder, trials, seed):
-    """Kill the job at random times, and sometimes those who resume it; return a row."""
+def kills_at_random(case, folder, wanted, seed):
+    """Kill the job at random times, and sometimes those who resume it; return a row.
+
+    Goes on until so many children were killed before they had ended.
+    """
     random_ = random.Random(seed)
     start = time.monotonic()
     case.go_on(bare(folder))
     usual = time.monotonic() - start
     bare(folder)
-    killed = whole = finished = 0
-    for _ in range(trials):
+    trials = killed = whole = finished = 0
+    while killed < wanted:
+        trials += 1
         child = forked(lambda: case.go_on(folder))
         time.sleep(random_.uniform(0, 1.2 * usual))
         os.kill(child, signal.SIGKILL)
@@ -279,17 +283,21 @@ def faults_of_readers(case, code, *, persistent):
     return {"trials": number_of_calls, "struck": struck}
 
 
+ONE_FILE = ("open", "write", "fsync", "close", "replace")
+"""What writing one file asks of the disk; what formats there are is asked of the package."""
+
+
 def faults_of_writer(write, path, code, *, persistent):
     """Fail at every call of a writer that replaces a file by another; return a row."""
     old = b"what was there before"
     write(path)
     new = path.read_bytes()
-    number_of_calls = len(counted(lambda: write(path)))
+    number_of_calls = len(counted(lambda: write(path), ONE_FILE))
     struck = 0
     for number in range(1, number_of_calls + 1):
         path.write_bytes(old)
         raised = None
-        with calls(failing(number, code, persistent=persistent)):
+        with calls(failing(number, code, persistent=persistent), ONE_FILE):
             try:
                 write(path)
             except DiskError as error:
@@ -297,10 +305,35 @@ def faults_of_writer(write, path, code, *, persistent):
         struck += raised is not None
         assert path.read_bytes() == new or (raised and path.read_bytes() == old)
         assert [file.name for file in path.parent.iterdir()] == [path.name]
-    with calls(short_writes(number_of_calls)):
+    with calls(short_writes(number_of_calls), ONE_FILE):
         write(path)
     assert path.read_bytes() == new
     return {"trials": number_of_calls, "struck": struck}
+
+
+WRITES = ("write", "fsync", "replace", "mkdir")
+"""What makes files: engines ask the disk about their own files, and do so in their own way."""
+
+
+def faults_of_folder(make, folder, last, code, *, persistent):
+    """Fail at every call that fills a folder; with ``last`` it is whole, else it is not; a row."""
+    make(bare(folder))
+    whole = set(contents(folder))
+    length_ = len(counted(lambda: make(bare(folder)), WRITES))
+    struck = 0
+    for number in range(1, length_ + 1):
+        bare(folder)
+        raised = None
+        with calls(failing(number, code, persistent=persistent), WRITES):
+            try:
+                make(folder)
+            except DiskError as error:
+                raised = error
+        names = set(contents(folder))
+        assert names == whole if last in names else raised
+        assert persistent or not [name for name in names if disk.TEMPORARY in name]
+        struck += raised is not None
+    return {"trials": length_, "struck": struck}
 
 
 # --- bits that rot -----------------------------------------------------------------------

@@ -1,0 +1,243 @@
+"""What deaths, failing disks, rotten bits and power cuts do to a store, and to files at large.
+
+Each row tells an experiment: how many trials, in how many of them the fault struck (a work may end
+before it, or not depend on what failed), what was demanded after every single one of them, and in
+how many it did not hold. One that does not hold ends the study with an error. The store is
+small, so that every call to the disk can fail once; its code is that of large ones. The last rows
+tell what chunks cost.
+"""
+
+import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # children are forked, which threads do not like
+
+import csv
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent / "tests"))
+
+import faults  # noqa: E402
+import numpy as np  # noqa: E402
+from power import power_cuts  # noqa: E402
+
+from porous import disk  # noqa: E402
+from porous.scale import Store, StoredGrid  # noqa: E402
+from porous.values import Frame  # noqa: E402
+
+RESULTS = Path(os.environ.get("POROUS_RESULTS", HERE / "results"))
+MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+NOTHING = "no torn file; refused or right; resumed to the same bytes"
+ERRORS = (("ENOSPC", True), ("EIO", False), ("EIO", True), ("EMFILE", False), ("EROFS", True))
+
+
+def row(experiment, demanded, found, *, note=""):
+    return {
+        "experiment": experiment,
+        "trials": found["trials"],
+        "struck": found.get("struck", found["trials"]),
+        "demanded": demanded,
+        "did_not_hold": 0,
+        "note": note,
+    }
+
+
+def deaths(case, folder):
+    every = range(1, faults.length(case, folder) + 1)
+    for when in ("before", "after"):
+        found = faults.kills_at_calls(case, folder, every, when)
+        assert found["struck"] == found["trials"]
+        yield row(f"killed {when} every call to the disk", NOTHING, found)
+    writes = [i for i, name in enumerate(undisturbed(case, folder), 1) if name == "write"]
+    found = faults.kills_at_calls(case, folder, writes, "amid")
+    yield row("killed amid every write", NOTHING, found)
+    yield row("killed at random times", NOTHING, faults.kills_at_random(case, folder, 200, seed=1))
+
+
+def undisturbed(case, folder):
+    faults.bare(folder)
+    return faults.counted(lambda: case.go_on(folder))
+
+
+def power(case, base):
+    found = power_cuts(case, base, trials=10, seed=2)
+    yield row("power cut after every step, names and bytes not synced at will", NOTHING, found)
+
+
+def rot(case, folder):
+    found = faults.flips(case, folder, 2000, seed=3, of_chunks=True)
+    assert found["found_and_named"] == found["trials"]
+    note = f"{found['mended_by_resume']} of them mended by resuming, to the same bytes"
+    yield row("a bit flipped in a chunk", "found, the chunk and no other named", found, note=note)
+    found = faults.flips(case, folder, 500, seed=4, of_chunks=False)
+    assert found["found_and_named"] == found["trials"]
+    yield row("a bit flipped in another file of the store", "found, the file named", found)
+    yield row("the same, read by zarr-python", "found in chunks", of_zarr(case, folder, 200, 5))
+
+
+def of_zarr(case, folder, trials, seed):
+    """Return a row of flips that zarr-python has to find, which knows no manifest."""
+    import zarr
+
+    random = np.random.default_rng(seed)
+    names = sorted(name for name in case.bytes if "/c." in name)
+    faults.shutil.copytree(case.folder, faults.bare(folder))
+    for _ in range(trials):
+        name = names[random.integers(len(names))]
+        bit = int(random.integers(8 * len(case.bytes[name])))
+        faults.flip(folder / name, bit)
+        try:
+            zarr.open_group(folder, mode="r")[name.partition("/")[0]][:]
+            raise AssertionError(f"bit {bit} of {name}")
+        except ValueError:
+            faults.flip(folder / name, bit)
+    return {"trials": trials}
+
+
+def failing_disks(case, folder):
+    for code, persistent in ERRORS:
+        found = faults.faults(case, folder, code, persistent=persistent)
+        yield row(f"{code} {way(persistent)}, store written", NOTHING, found)
+    for code, persistent in ERRORS[1:4]:
+        found = faults.faults_of_readers(case, code, persistent=persistent)
+        yield row(f"{code} {way(persistent)}, store read", "refused or right", found)
+    for seed in range(20):
+        faults.bare(folder)
+        with faults.calls(faults.short_writes(seed)):
+            case.go_on(folder)
+        assert faults.contents(folder) == case.bytes
+    yield row("short writes, store written", "the same bytes", {"trials": 20})
+
+
+def way(persistent):
+    return "from the N-th call on, every N" if persistent else "at the N-th call, every N"
+
+
+def small_disks(base):
+    sizes = [4, 8, 16, 24, 32, 40, 48, 56]
+    work = f"import json; print(json.dumps(faults.small_disks({str(base / 'room')!r}, {sizes})))"
+    said = faults.in_a_room_of_its_own(work)
+    found = json.loads(said) if said else {"trials": 0}
+    yield row("disks of 4 to 56 kB", NOTHING, found, note="" if said else "not allowed to mount")
+
+
+def writers(base):
+    """Every writer of files there is, each by an example of what it takes, and whole folders."""
+    import porous as po
+
+    grid = po.voxelize(po.build(po.load("cantor-dust", set={"model.level": 1})), voxels=6)
+    surface, volume = po.extract_surface(grid), po.hexahedralize(grid)
+    examples = [(grid, ".vti"), (grid, ".npz"), (surface, ".stl"), (surface, ".ply")]
+    examples += [(surface, ".obj"), (volume, ".vtu"), (volume, ".inp")]
+    for value, suffix in examples:
+        total = {"trials": 0, "struck": 0}
+        for code, persistent in ERRORS:
+            place = faults.bare(base / "file")
+            place.mkdir()
+            found = faults.faults_of_writer(
+                lambda path, value=value: po.write(value, path),
+                place / f"x{suffix}",
+                code,
+                persistent=persistent,
+            )
+            total = {key: total[key] + found[key] for key in total}
+        yield row(f"{len(ERRORS)} errors at every call, {suffix}", "old file or new, whole", total)
+    recipe = po.load("cantor-dust", set={"model.level": 1, "voxels.voxels": 6})
+    for code, persistent in ERRORS[:2]:
+        found = faults.faults_of_folder(
+            lambda folder: po.make(recipe, folder, only="voxels"),
+            base / "made",
+            "measures.json",
+            code,
+            persistent=persistent,
+        )
+        demanded = "whole where measures.json is, else nothing of it"
+        yield row(f"{code} {way(persistent)}, a folder made", demanded, found)
+
+
+def costs():
+    """Megabytes of voxels per second of one core; what putting a chunk on the platter adds."""
+    chunk, digit = 256, np.array([0, 1, 0])
+    menger = cross = np.add.outer(np.add.outer(digit, digit), digit) < 2
+    for _ in range(4):
+        menger = np.kron(menger, cross)
+    menger = np.pad(menger, ((0, 512 - 243), (0, 13), (0, 13)), mode="wrap")
+    noise = np.random.default_rng(6).random(menger.shape) < 0.5
+    for name, solid in (("Menger sponge", menger), ("noise of 0 and 255", noise)):
+        yield from cost_of(name, np.where(solid, np.uint8(255), np.uint8(0)), chunk)
+
+
+def cost_of(name, fill, chunk):
+    frame = Frame((0, 0, 0), (1, 1, 1), fill.shape)
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder) / "x", frame, chunk=chunk, recipe_sha256=faults.RECIPE)
+        written, waited = timed(lambda: write_all(store, fill))
+        found, _ = timed(store.commit)
+        grid = StoredGrid.open(store.folder)
+        read, _ = timed(lambda: [grid.store.read("fill", *tile) for tile in grid.tiles])
+        size = sum(path.stat().st_size for path in Path(folder).rglob("*/c.*"))
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder) / "x", frame, chunk=chunk, recipe_sha256=faults.RECIPE)
+        real, disk.os.fsync = os.fsync, lambda _: None
+        try:
+            _, careless = timed(lambda: write_all(store, fill))
+        finally:
+            disk.os.fsync = real
+    trials = {"trials": len(store.tiles), "struck": 0}
+    mega = fill.size / 1e6
+    said = f"{mega / written:.0f} MB/s written, {mega / read:.0f} MB/s read (of one core)"
+    yield row(f"speed of chunks of {chunk}³: {name}", "", trials, note=said)
+    said = f"{fill.size / size:.0f} to one; committed in {found:.3f} s"
+    yield row(f"size of chunks of {chunk}³: {name}", "", trials, note=said)
+    said = (
+        f"{1000 * (waited - careless) / len(store.tiles):.0f} ms a chunk of {waited:.2f} s in all"
+    )
+    yield row(f"price of fsync of every chunk: {name}", "", trials, note=said)
+
+
+def write_all(store, fill):
+    for index, (start, stop) in enumerate(store.tiles):
+        store.write("fill", index, fill[tuple(map(slice, start, stop))])
+
+
+def timed(work):
+    """Return seconds of the processor and of the clock: the least of three runs, for both."""
+    found = []
+    for _ in range(3):
+        cpu, clock = time.process_time(), time.perf_counter()
+        work()
+        found.append((time.process_time() - cpu, time.perf_counter() - clock))
+    return tuple(map(min, zip(*found, strict=True)))
+
+
+def study():
+    with tempfile.TemporaryDirectory(dir=MEMORY) as place:
+        base = Path(place)
+        case, folder = faults.Case(base / "case"), base / "grid.zarr"
+        yield from deaths(case, folder)
+        yield from power(case, base)
+        yield from rot(case, folder)
+        yield from failing_disks(case, folder)
+        yield from small_disks(base)
+        yield from writers(base)
+    yield from costs()
+
+
+def main():
+    rows = []
+    for found in study():
+        rows.append(found)
+        print(" ".join(f"{value}" for value in found.values()), flush=True)
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    with (RESULTS / f"{Path(__file__).stem}.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()
