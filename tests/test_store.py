@@ -198,7 +198,7 @@ def test_a_tile_of_a_larger_frame(folder):
 
 
 def test_the_same_voxels_give_the_same_bytes_in_any_order_on_any_number_of_threads(tmp_path):
-    frame = Frame((0, 0, 0), (1, 2, 3), (40, 50, 60))
+    frame = Frame((0, 0, 0), (1, 2, 3), (20, 25, 30))
     array = voxels(frame.shape)
     one, many = (begun(tmp_path / name, frame, chunk=(9, 8, 7)) for name in ("one", "many"))
     fill_in(one, [array]).commit()
