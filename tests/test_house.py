@@ -127,7 +127,7 @@ def imports(path):
 
 OWNERS = {
     "numba": ("kernels/",),
-    "llvmlite": (),
+    "llvmlite": ("kernels/",),
     "pyvista": ("view.py", "guests/"),
     "vtk": ("view.py", "guests/"),
     "vtkmodules": ("view.py", "guests/"),

@@ -5,11 +5,11 @@ of cubes will give, sum the counts, and let every row write its own vertices and
 they belong. So the result depends neither on how rows are dealt out to threads, nor on whether a
 lattice is worked on whole or slab by slab: seams are welded because both sides count alike.
 
-Rows run along z. The lattice is padded by one void voxel on every side, virtually: row (i, j) of
-bits is that of voxels (i − 1, j − 1), and bit k that of voxel k − 1. Cube (i, j, k) has the padded
-voxels (i … i + 1, j … j + 1, k … k + 1) as corners; vertices on the three grid edges from (i, j, k)
-upwards belong to row (i, j), which lists those along x first, then y, then z. What is written is
-more than any cache holds: it goes past them to memory.
+Rows run along z, 32 voxels a word: two words hold 32 cubes and the layer beyond them. The lattice
+is padded by one void voxel on every side, virtually: row (i, j) of bits is that of voxels
+(i − 1, j − 1), and bit k that of voxel k − 1. Cube (i, j, k) has the padded voxels (i … i + 1,
+j … j + 1, k … k + 1) as corners; vertices on the three grid edges from (i, j, k) upwards belong to
+row (i, j), which lists those along x first, then y, then z.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
-from numba import int64, uint64
+from llvmlite import ir
+from numba import int64, uint32, uint64
+from numba.core import cgutils
 from numba.np import arrayobj
 
 from porous.kernels._cases import COUNTS, SLOTS, STEPS, TRIANGLES
@@ -37,6 +39,9 @@ LEVEL = 127.5
 """Iso level: no uint8 ever equals it, so vertices keep off the corners by 1/256 of an edge."""
 
 _VOXELS_PER_SLAB = 1 << 20
+_FULL = uint64(0xFFFFFFFF)
+_AHEAD = uint64(1024)
+"""How many entries ahead of writing memory is asked for: 8 KiB."""
 
 _COUNTS, _TRIANGLES = source(COUNTS, np.uint8), source(TRIANGLES, np.uint8)
 _SLOTS, _STEPS = source(SLOTS, np.uint8), source(STEPS, np.int64)
@@ -64,30 +69,23 @@ def _lowest_bit(_typing, word):
 
 
 @numba.extending.intrinsic
-def _put(_typing, array, index, value):
-    """Write an entry of a contiguous array past the caches: they need not read it first."""
+def _fetch_to_write(_typing, array, index):
+    """Ask for the memory of an entry of a contiguous array, to be written soon; it may not exist.
+
+    Surfaces are larger than caches: without this, writing waits for memory at every line of it.
+    """
 
     def generate(context, builder, signature, arguments):
-        target, _, content = signature.args
-        data = arrayobj.make_array(target)(context, builder, arguments[0]).data
-        wanted = context.cast(builder, arguments[2], content, target.dtype)
-        store = builder.store(wanted, builder.gep(data, [arguments[1]]))
-        yes = builder.module.add_metadata([context.get_constant(numba.int32, 1)])
-        store.set_metadata("nontemporal", yes)
+        data = arrayobj.make_array(signature.args[0])(context, builder, arguments[0]).data
+        place = builder.bitcast(builder.gep(data, [arguments[1]]), cgutils.voidptr_t)
+        flags = [cgutils.int32_t] * 3
+        form = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, *flags])
+        prefetch = builder.module.declare_intrinsic("llvm.prefetch", [cgutils.voidptr_t], form)
+        write, near, data_not_code = cgutils.int32_t(1), cgutils.int32_t(3), cgutils.int32_t(1)
+        builder.call(prefetch, [place, write, near, data_not_code])
         return context.get_dummy_value()
 
-    return numba.void(array, index, value), generate
-
-
-@numba.extending.intrinsic
-def _all_is_put(_typing):
-    """Wait until what was put past the caches can be seen by other threads."""
-
-    def generate(context, builder, _signature, _arguments):
-        builder.fence("seq_cst")
-        return context.get_dummy_value()
-
-    return numba.void(), generate
+    return numba.void(array, index), generate
 
 
 @kernel
@@ -99,15 +97,15 @@ def _pack(fill, bits, above, first, last):
         for j in range(ny):
             row = fill[i, j]
             for w in range(words):
-                low = 64 * w - 1
-                word = uint64(0)
-                if low >= 0 and low + 64 <= nz:
-                    whole = row[low : low + 64]  # of a length the compiler knows: vectorises
-                    for k in range(64):
-                        word |= uint64(whole[k] >> 7) << uint64(k)
+                low = 32 * w - 1
+                word = uint32(0)
+                if low >= 0 and low + 32 <= nz:
+                    whole = row[low : low + 32]  # of a length the compiler knows: vectorises
+                    for k in range(32):
+                        word |= uint32(whole[k] >> 7) << uint32(k)
                 else:
-                    for k in range(max(low, 0), min(low + 64, nz)):
-                        word |= uint64(row[k] >> 7) << uint64(k - low)
+                    for k in range(max(low, 0), min(low + 32, nz)):
+                        word |= uint32(row[k] >> 7) << uint32(k - low)
                 bits[i + above, j + 1, w] = word
 
 
@@ -115,36 +113,29 @@ def _pack(fill, bits, above, first, last):
 def _count(bits, counts_of_case, vertices, faces, first, last):
     """Count the vertices along x, y, z and the triangles of rows first … last − 1 of cubes."""
     columns = bits.shape[1] - 1
-    words = bits.shape[2]
-    one = uint64(1)
+    words = bits.shape[2] - 1
+    one, two, three, four, six = uint64(1), uint64(2), uint64(3), uint64(4), uint64(6)
+    word = uint64(32)
     for row in range(first, last):
         i, j = row // columns, row % columns
         a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
         along_x = along_y = along_z = uint64(0)
         triangles = 0
         for w in range(words):
-            a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
-            a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
-            if w + 1 < words:
-                a1 |= a[w + 1] << uint64(63)
-                b1 |= b[w + 1] << uint64(63)
-                c1 |= c[w + 1] << uint64(63)
-                d1 |= d[w + 1] << uint64(63)
-            some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
-            every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
-            active = some & ~every
-            if active == 0:
-                continue
-            along_x += _bits_set(a0 ^ c0)
-            along_y += _bits_set(a0 ^ b0)
-            along_z += _bits_set(a0 ^ a1)
+            a0 = uint64(a[w]) | uint64(a[w + 1]) << word
+            b0 = uint64(b[w]) | uint64(b[w + 1]) << word
+            c0 = uint64(c[w]) | uint64(c[w + 1]) << word
+            d0 = uint64(d[w]) | uint64(d[w + 1]) << word
+            some, every = a0 | b0 | c0 | d0, a0 & b0 & c0 & d0
+            active = (some | some >> one) & ~(every & every >> one) & _FULL
+            along_x += _bits_set((a0 ^ c0) & _FULL)
+            along_y += _bits_set((a0 ^ b0) & _FULL)
+            along_z += _bits_set((a0 ^ a0 >> one) & _FULL)
             while active != 0:
                 k = _lowest_bit(active)
                 active &= active - one
-                case = ((a0 >> k) & one) | ((a1 >> k) & one) << one
-                case |= ((b0 >> k) & one) << uint64(2) | ((b1 >> k) & one) << uint64(3)
-                case |= ((c0 >> k) & one) << uint64(4) | ((c1 >> k) & one) << uint64(5)
-                case |= ((d0 >> k) & one) << uint64(6) | ((d1 >> k) & one) << uint64(7)
+                case = (a0 >> k & three) | (b0 >> k & three) << two
+                case |= (c0 >> k & three) << four | (d0 >> k & three) << six
                 triangles += counts_of_case[case]
         vertices[i, j, 0] = along_x
         vertices[i, j, 1] = along_y
@@ -161,8 +152,8 @@ def _vertices(fill, void, bits, above, base, place, entries, first, last):
     """
     planes, ny, nz = fill.shape
     columns = ny + 1
-    words = bits.shape[2]
-    one, two, three = uint64(1), uint64(2), uint64(3)
+    words = bits.shape[2] - 1
+    one, two, three, word = uint64(1), uint64(2), uint64(3), uint64(32)
     ox, oy, oz, hx, hy, hz = place[0], place[1], place[2], place[3], place[4], place[5]
     sx, sy, sz, before = place[6], place[7], place[8], place[9]
     for row in range(first, last):
@@ -177,42 +168,41 @@ def _vertices(fill, void, bits, above, base, place, entries, first, last):
         middle = i + before - 0.5
         px, py = ox + (sx + middle) * hx, oy + (sy + (j - 0.5)) * hy
         for w in range(words):
-            a0 = a[w]
-            a1 = a0 >> one
-            if w + 1 < words:
-                a1 |= a[w + 1] << uint64(63)
-            cut = a0 ^ c[w]
+            cut = uint64(a[w] ^ c[w])
             while cut != 0:
-                k = uint64(64 * w) + _lowest_bit(cut)
+                k = uint64(32 * w) + _lowest_bit(cut)
                 cut &= cut - one
                 low = float(here[k - one])
                 t = (LEVEL - low) / (float(behind[k - one]) - low)
-                _put(entries, x, ox + (sx + (middle + t)) * hx)
-                _put(entries, x + one, py)
-                _put(entries, x + two, oz + (sz + (float(k) - 0.5)) * hz)
+                _fetch_to_write(entries, x + _AHEAD)
+                entries[x] = ox + (sx + (middle + t)) * hx
+                entries[x + one] = py
+                entries[x + two] = oz + (sz + (float(k) - 0.5)) * hz
                 x += three
-            cut = a0 ^ b[w]
+            cut = uint64(a[w] ^ b[w])
             while cut != 0:
-                k = uint64(64 * w) + _lowest_bit(cut)
+                k = uint64(32 * w) + _lowest_bit(cut)
                 cut &= cut - one
                 low = float(here[k - one])
                 t = (LEVEL - low) / (float(beside[k - one]) - low)
-                _put(entries, y, px)
-                _put(entries, y + one, oy + (sy + (j - 0.5 + t)) * hy)
-                _put(entries, y + two, oz + (sz + (float(k) - 0.5)) * hz)
+                _fetch_to_write(entries, y + _AHEAD)
+                entries[y] = px
+                entries[y + one] = oy + (sy + (j - 0.5 + t)) * hy
+                entries[y + two] = oz + (sz + (float(k) - 0.5)) * hz
                 y += three
-            cut = a0 ^ a1
+            a0 = uint64(a[w]) | uint64(a[w + 1]) << word
+            cut = (a0 ^ a0 >> one) & _FULL
             while cut != 0:
-                k = uint64(64 * w) + _lowest_bit(cut)
+                k = uint64(32 * w) + _lowest_bit(cut)
                 cut &= cut - one
                 low = float(here[k - one]) if k else 0.0
                 high = float(here[k]) if k < uint64(nz) else 0.0
                 t = (LEVEL - low) / (high - low)
-                _put(entries, z, px)
-                _put(entries, z + one, py)
-                _put(entries, z + two, oz + (sz + (float(k) - 0.5 + t)) * hz)
+                _fetch_to_write(entries, z + _AHEAD)
+                entries[z] = px
+                entries[z + one] = py
+                entries[z + two] = oz + (sz + (float(k) - 0.5 + t)) * hz
                 z += three
-    _all_is_put()
 
 
 @kernel
@@ -224,8 +214,9 @@ def _triangles(bits, base, offset, slots, steps, counts_of_case, ids, entries, f
     for a cut edge makes its cubes active.
     """
     columns = bits.shape[1] - 1
-    words = bits.shape[2]
-    one, eight = uint64(1), uint64(8)
+    words = bits.shape[2] - 1
+    one, two, three, four, six = uint64(1), uint64(2), uint64(3), uint64(4), uint64(6)
+    eight, word = uint64(8), uint64(32)
     for row in range(first, last):
         i, j = row // columns, row % columns
         a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
@@ -235,31 +226,26 @@ def _triangles(bits, base, offset, slots, steps, counts_of_case, ids, entries, f
         ids[14], ids[15] = base[i + 1, j, 2], base[i + 1, j + 1, 2]
         n = uint64(3 * offset[row])
         for w in range(words):
-            a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
-            a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
-            if w + 1 < words:
-                a1 |= a[w + 1] << uint64(63)
-                b1 |= b[w + 1] << uint64(63)
-                c1 |= c[w + 1] << uint64(63)
-                d1 |= d[w + 1] << uint64(63)
-            some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
-            every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
-            active = some & ~every
+            a0 = uint64(a[w]) | uint64(a[w + 1]) << word
+            b0 = uint64(b[w]) | uint64(b[w + 1]) << word
+            c0 = uint64(c[w]) | uint64(c[w + 1]) << word
+            d0 = uint64(d[w]) | uint64(d[w + 1]) << word
+            some, every = a0 | b0 | c0 | d0, a0 & b0 & c0 & d0
+            active = (some | some >> one) & ~(every & every >> one) & _FULL
             while active != 0:
                 k = _lowest_bit(active)
                 active &= active - one
-                case = ((a0 >> k) & one) | ((a1 >> k) & one) << one
-                case |= ((b0 >> k) & one) << uint64(2) | ((b1 >> k) & one) << uint64(3)
-                case |= ((c0 >> k) & one) << uint64(4) | ((c1 >> k) & one) << uint64(5)
-                case |= ((d0 >> k) & one) << uint64(6) | ((d1 >> k) & one) << uint64(7)
+                case = (a0 >> k & three) | (b0 >> k & three) << two
+                case |= (c0 >> k & three) << four | (d0 >> k & three) << six
                 for line in range(eight):
                     ids[line] = ids[eight + line]
                 for line in range(eight):
                     ids[eight + line] += steps[case, line]
-                for corner in range(uint64(3) * counts_of_case[case]):
-                    _put(entries, n, ids[slots[case, corner]])
+                _fetch_to_write(entries, n + _AHEAD)
+                _fetch_to_write(entries, n + _AHEAD + eight)
+                for corner in range(three * counts_of_case[case]):
+                    entries[n] = ids[slots[case, corner]]
                     n += one
-    _all_is_put()
 
 
 @kernel
@@ -272,38 +258,32 @@ def _caps(fill, bits, above, ends, offset, table, counts_of_case, labels, first,
     """
     ny, nz = fill.shape[1], fill.shape[2]
     columns = ny + 1
-    words = bits.shape[2]
-    one = uint64(1)
+    words = bits.shape[2] - 1
+    one, two, three, four, six = uint64(1), uint64(2), uint64(3), uint64(4), uint64(6)
+    word = uint64(32)
     for row in range(first, last):
         i, j = row // columns, row % columns
         a, b, c, d = bits[i, j], bits[i, j + 1], bits[i + 1, j], bits[i + 1, j + 1]
         border = i == ends[0] or i == ends[1] or j == 0 or j == ny
         n = offset[row]
         for w in range(words):
-            if not border and 0 < w and 64 * w + 63 < nz:
-                continue
-            a0, b0, c0, d0 = a[w], b[w], c[w], d[w]
-            a1, b1, c1, d1 = a0 >> one, b0 >> one, c0 >> one, d0 >> one
-            if w + 1 < words:
-                a1 |= a[w + 1] << uint64(63)
-                b1 |= b[w + 1] << uint64(63)
-                c1 |= c[w + 1] << uint64(63)
-                d1 |= d[w + 1] << uint64(63)
-            some = a0 | b0 | c0 | d0 | a1 | b1 | c1 | d1
-            every = a0 & b0 & c0 & d0 & a1 & b1 & c1 & d1
-            active = some & ~every
+            a0 = uint64(a[w]) | uint64(a[w + 1]) << word
+            b0 = uint64(b[w]) | uint64(b[w + 1]) << word
+            c0 = uint64(c[w]) | uint64(c[w + 1]) << word
+            d0 = uint64(d[w]) | uint64(d[w + 1]) << word
+            some, every = a0 | b0 | c0 | d0, a0 & b0 & c0 & d0
+            active = (some | some >> one) & ~(every & every >> one) & _FULL
             if not border:
-                active &= (one if w == 0 else uint64(0)) | (
-                    one << uint64(nz & 63) if w == nz >> 6 else uint64(0)
-                )
+                ends_of_row = one if w == 0 else uint64(0)
+                if w == nz >> 5:
+                    ends_of_row |= one << uint64(nz & 31)
+                active &= ends_of_row
             while active != 0:
                 bit = _lowest_bit(active)
                 active &= active - one
-                k = 64 * w + int64(bit)
-                case = ((a0 >> bit) & one) | ((a1 >> bit) & one) << one
-                case |= ((b0 >> bit) & one) << uint64(2) | ((b1 >> bit) & one) << uint64(3)
-                case |= ((c0 >> bit) & one) << uint64(4) | ((c1 >> bit) & one) << uint64(5)
-                case |= ((d0 >> bit) & one) << uint64(6) | ((d1 >> bit) & one) << uint64(7)
+                k = 32 * w + int64(bit)
+                case = (a0 >> bit & three) | (b0 >> bit & three) << two
+                case |= (c0 >> bit & three) << four | (d0 >> bit & three) << six
                 count = int64(counts_of_case[case])
                 if k == nz:
                     n = offset[row + 1] - count
@@ -363,7 +343,7 @@ class Slab:
         self._ends = np.array([-first, planes - first], dtype=np.int64)
         _, ny, nz = fill.shape
         length, self._columns = last - first, ny + 1
-        self._bits = np.zeros((length + 2, ny + 2, (nz + 2 + 63) // 64), dtype=np.uint64)
+        self._bits = np.zeros((length + 2, ny + 2, (nz + 2 + 31) // 32 + 1), dtype=np.uint32)
         self._rows = length * self._columns
         self._size = max(1, min(_VOXELS_PER_SLAB // (nz + 1), self._rows // 8))
         # One row along x more: its vertices are corners of triangles here.
