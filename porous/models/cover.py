@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ import numpy as np
 from porous.errors import ModelError
 from porous.memory import check_memory
 from porous.models.clouds import clouds, stamp_points
+from porous.models.overlap import overlaps, reference
 from porous.models.pieces import Lattice, paint_balls, paint_cylinders
 from porous.values import CENTRE
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.kernels.cover import System
+    from porous.kernels.overlap import Reference
     from porous.models.automaton import Automaton
     from porous.models.clouds import Cloud
     from porous.values import Frame, Pattern
@@ -60,6 +63,8 @@ SMALL = 1 << 27
 ROUNDING = 1 + 1e-5
 """Covers the kernels' slack."""
 
+_ONE_AT_A_TIME = threading.Lock()
+
 
 def cover_attractor(
     automaton: Automaton,
@@ -75,8 +80,10 @@ def cover_attractor(
     within its parent's, down to a half diagonal of ε = min(spacing) / 16; every voxel that a last
     box touches is marked. So the attractor lies in marked voxels, and every point of these is
     within a voxel's diagonal + 2 ε of it. Voxels that hold one of the attractor's points are
-    marked first: a word whose box touches no others can add none, nor can longer ones. The marks
-    depend on the lattice alone: not on the order of the maps, the tile or the threads.
+    marked first: a word whose box touches no others can add none, nor can longer ones. Where words
+    at one place become ever more with their length (``models/overlap.py``), they are sought
+    backwards instead from each voxel that is not marked, down to the same ε. The marks depend on
+    the lattice alone: not on the order of the maps, the tile or the threads.
 
     Parameters
     ----------
@@ -179,7 +186,10 @@ class _Window:
         here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
         system = _system(automaton, given)
         stamp_points(marks, system, _clouds(automaton, given), (root[0], here), self.spacing)
-        self._descend(marks, system, root, (size,), whole=True)
+        if overlaps(system):
+            self._seek(marks, system, _reference(automaton, given), root, size)
+        else:
+            self._descend(marks, system, root, (size,), whole=True)
         return marks
 
     def holding_points(
@@ -198,6 +208,32 @@ class _Window:
             check_memory(voxels, f"a net of {voxels} cells", "Choose fewer voxels.")
         return np.zeros(self.shape, np.uint8)
 
+    def _seek(
+        self,
+        marks: NDArray[np.uint8],
+        system: System,
+        known: Reference,
+        root: tuple[int, Floats],
+        size: float,
+    ) -> None:
+        from porous.kernels.overlap import seek
+
+        # The root's map is a change of units and origin: place = spacing × (voxel − shift).
+        origin = self.spacing * (self.start - root[1][:, 3])
+        limit = MOST_STEPS + STEPS_PER_VOXEL * marks.size
+        count = seek(
+            marks,
+            origin,
+            self.spacing,
+            system.maps,
+            system.balls[0],
+            known,
+            stop=size,
+            limit=limit,
+        )
+        if count > limit:
+            raise ModelError(_endless(limit))
+
     def _descend(
         self,
         marks: NDArray[np.uint8],
@@ -213,10 +249,14 @@ class _Window:
         descent = Descent(marks, self.start, self.spacing, system, root)
         for size in sizes:
             if descent.run(size, whole=whole, limit=limit) > limit:
-                raise ModelError(
-                    f"the parts of this attractor overlap so much that {limit} words do not "
-                    "decide which voxels it touches; choose fewer voxels, or a level"
-                )
+                raise ModelError(_endless(limit))
+
+
+def _endless(limit: int) -> str:
+    return (
+        f"the parts of this attractor overlap so much that {limit} words do not decide which "
+        "voxels it touches; choose fewer voxels, or a level"
+    )
 
 
 @dataclass(frozen=True)
@@ -312,6 +352,17 @@ def _system(automaton: Automaton, given: bytes) -> System:
 def _clouds(automaton: Automaton, given: bytes) -> tuple[Cloud, ...]:
     """Return points of each state's attractor."""
     return clouds(_system(automaton, given))
+
+
+@lru_cache(maxsize=4)
+def _known(automaton: Automaton, given: bytes) -> Reference:
+    return reference(_system(automaton, given))
+
+
+def _reference(automaton: Automaton, given: bytes) -> Reference:
+    """Return the distances from an attractor; threads that want the same wait for one."""
+    with _ONE_AT_A_TIME:
+        return _known(automaton, given)
 
 
 def _tightened(
