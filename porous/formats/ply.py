@@ -22,7 +22,7 @@ from porous.values import SurfaceMesh
 from porous.values.units import METRES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -41,8 +41,7 @@ NAMES = {
 TYPES = {name: form for form, names in NAMES.items() for name in names}
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 CORNERS = ("vertex_indices", "vertex_index")
-FACE = np.dtype([("n", "u1"), ("corners", "<i4", 3)])
-PARTS = np.dtype([*FACE.descr, ("label", "<i4")])
+ONE_PART = ("WALL",)
 """A surface of one part has no labels: not every reader knows properties of faces."""
 SLAB = 100_000
 END = b"end_header"
@@ -85,33 +84,83 @@ def read(source: Source) -> SurfaceMesh:
 
 def write(surface: SurfaceMesh) -> Iterator[bytes]:
     """Write binary little-endian PLY."""
-    if len(surface.points) > np.iinfo(np.int32).max:
-        raise FormatError("more points than PLY can number; wanted at most 2147483647")
-    assert surface.labels is not None
-    form = FACE if surface.names == ("WALL",) else PARTS
-    yield _heading(surface).encode("ascii")
-    yield surface.points.astype("<f8", copy=False).tobytes()
-    for start in range(0, len(surface.triangles), SLAB):
-        stop = start + SLAB
-        faces = np.empty(len(surface.triangles[start:stop]), form)
-        faces["n"], faces["corners"] = 3, surface.triangles[start:stop]
-        if form is PARTS:
-            faces["label"] = surface.labels[start:stop]
-        yield faces.tobytes()
+    triangles, labels = surface.triangles, surface.labels
+    assert labels is not None
+    slabs = [slice(a, a + SLAB) for a in range(0, len(triangles), SLAB)]
+    return stream(
+        surface.unit,
+        surface.names,
+        (len(surface.points), len(triangles)),
+        [surface.points],
+        ((triangles[slab], labels[slab]) for slab in slabs),
+    )
 
 
-def _heading(surface: SurfaceMesh) -> str:
-    names = () if surface.names == ("WALL",) else surface.names
+def stream(
+    unit: str,
+    names: tuple[str, ...],
+    counts: tuple[int, int],
+    points: Iterable[NDArray[np.float64]],
+    faces: Iterable[tuple[NDArray[np.int64], NDArray[np.int16]]],
+) -> Iterator[bytes]:
+    """Write a surface that comes piece by piece: the bytes that ``write`` gives of the whole.
+
+    Parameters
+    ----------
+    unit, names
+        As in ``SurfaceMesh``.
+    counts
+        How many points and triangles there are in all.
+    points
+        float64, shape (n, 3), piece after piece.
+    faces
+        Triangles (t, 3) of points counted over all pieces, and their labels (t,).
+
+    Raises
+    ------
+    FormatError
+        For more points than the format can number.
+    """
+    if counts[0] > np.iinfo(np.uint32).max:
+        raise FormatError(f"{counts[0]} points; wanted at most {np.iinfo(np.uint32).max} for PLY")
+    index = "int" if counts[0] <= np.iinfo(np.int32).max else "uint"
+    return _stream(_heading(unit, names, counts, index), _face(names, index), points, faces)
+
+
+def _face(names: tuple[str, ...], index: str) -> np.dtype[Any]:
+    form = [("n", "u1"), ("corners", f"<{TYPES[index]}", 3)]
+    return np.dtype(form if names == ONE_PART else [*form, ("label", "<i4")])
+
+
+def _stream(
+    heading: str,
+    form: np.dtype[Any],
+    points: Iterable[NDArray[np.float64]],
+    faces: Iterable[tuple[NDArray[np.int64], NDArray[np.int16]]],
+) -> Iterator[bytes]:
+    yield heading.encode("ascii")
+    for piece in points:
+        yield piece.astype("<f8", copy=False).tobytes()
+    for triangles, labels in faces:
+        rows = np.empty(len(triangles), form)
+        rows["n"], rows["corners"] = 3, triangles
+        if "label" in form.fields:  # type: ignore[operator]
+            rows["label"] = labels
+        yield rows.tobytes()
+
+
+def _heading(unit: str, names: tuple[str, ...], counts: tuple[int, int], index: str) -> str:
+    parts = () if names == ONE_PART else names
     lines = [
         "ply",
         "format binary_little_endian 1.0",
-        f"comment unit {surface.unit}",
-        *(f"comment label {json.dumps(name)}" for name in names),
-        f"element vertex {len(surface.points)}",
+        f"comment unit {unit}",
+        *(f"comment label {json.dumps(name)}" for name in parts),
+        f"element vertex {counts[0]}",
         *(f"property double {axis}" for axis in "xyz"),
-        f"element face {len(surface.triangles)}",
-        "property list uchar int vertex_indices",
-        *["property int label"] * bool(names),
+        f"element face {counts[1]}",
+        f"property list uchar {index} vertex_indices",
+        *["property int label"] * bool(parts),
         END.decode(),
     ]
     return "\n".join(lines) + "\n"
@@ -353,7 +402,7 @@ def _parts(
 ) -> tuple[NDArray[np.int16] | None, tuple[str, ...]]:
     names = tuple(_name(text[6:]) for text in comments if text.startswith("label "))
     if not names or "label" not in face.columns or "label" in face.lengths:
-        return None, ("WALL",)
+        return None, ONE_PART
     labels = _indices(face.columns["label"], "label")[owners]
     if labels.size and not 0 <= labels.min() <= labels.max() < len(names):
         raise FormatError(f"label: got {labels.min()} to {labels.max()}; there are {len(names)}")

@@ -23,7 +23,7 @@ from porous.values import SurfaceMesh
 from porous.values.units import METRES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 PREFIX = 84
+MOST = int(np.iinfo(np.uint32).max)
+"""Facets that the header can count."""
 FAR = 4.0
 """A body whose farthest coordinate is more than this many of its own lengths is moved."""
 SLAB = 100_000
@@ -73,16 +75,76 @@ def read(source: Source) -> SurfaceMesh:
 
 def write(surface: SurfaceMesh) -> Iterator[bytes]:
     """Write binary STL; facets whose corners fall together in single precision are left out."""
-    if not len(surface.triangles):
+    points, triangles = surface.points, surface.triangles
+    if not len(triangles):
         raise FormatError("the surface has no triangles; an STL file needs at least one")
-    _check_range(surface.points)
-    names, shift = _shift(surface.points)
-    single = (surface.points - shift).astype(np.float32)
-    kept = surface.triangles[_distinct(single[surface.triangles])]
-    yield f"porous STL unit={surface.unit}{names}".encode().ljust(80)
-    yield np.uint32(len(kept)).tobytes()
-    for start in range(0, len(kept), SLAB):
-        yield _facets(surface.points, single, kept[start : start + SLAB]).tobytes()
+    starts = range(0, len(triangles), SLAB)
+    bounds = points.min(axis=0), points.max(axis=0)
+    return stream(
+        surface.unit, bounds, lambda: (points[triangles[a : a + SLAB]] for a in starts), None
+    )
+
+
+def stream(
+    unit: str,
+    bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
+    corners: Callable[[], Iterable[NDArray[np.float64]]],
+    count: int | None,
+) -> Iterator[bytes]:
+    """Write a surface that comes piece by piece: the bytes that ``write`` gives of the whole.
+
+    Parameters
+    ----------
+    unit
+        Unit of length.
+    bounds
+        Least and greatest coordinates of all points, (3,) each.
+    corners
+        Begins anew with every call: corners of triangles, float64, shape (t, 3, 3), piece by piece.
+    count
+        How many triangles there are, where ``stay_apart`` has shown that none is to be left out;
+        else None, and they are gone through once more, to count those that stay.
+
+    Raises
+    ------
+    FormatError
+        For coordinates beyond single precision, or more triangles than the format can count.
+    """
+    _check_range(bounds)
+    words, shift = _shift(*bounds)
+    if count is None:
+        count = sum(int(_distinct(_single(piece, shift)).sum()) for piece in corners())
+    if count > MOST:
+        raise FormatError(f"{count} facets; wanted at most {MOST} for STL. Write PLY")
+    header = f"porous STL unit={unit}{words}".encode().ljust(80)
+    return _stream(header + np.uint32(count).tobytes(), corners, shift)
+
+
+def stay_apart(
+    bounds: tuple[NDArray[np.float64], NDArray[np.float64]], gaps: NDArray[np.float64]
+) -> bool:
+    """Return whether points surely stay apart in the file, by the bounds of all points.
+
+    ``gaps``, shape (3,): the points differ by at least so much along one axis or another.
+    """
+    _, shift = _shift(*bounds)
+    shifted = np.maximum(*(np.abs(bound - shift) for bound in bounds))
+    rounded = shifted * 2.0**-22 + np.maximum(*np.abs(bounds)) * 2.0**-50
+    return bool((gaps > rounded).all())
+
+
+def _stream(
+    header: bytes, corners: Callable[[], Iterable[NDArray[np.float64]]], shift: NDArray[np.float64]
+) -> Iterator[bytes]:
+    yield header
+    for piece in corners():
+        single = _single(piece, shift)
+        kept = _distinct(single)
+        yield _facets(piece[kept], single[kept]).tobytes()
+
+
+def _single(corners: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.float32]:
+    return (corners - shift).astype(np.float32)
 
 
 def _is_text(data: bytes) -> bool:
@@ -186,9 +248,10 @@ def _distinct(corners: NDArray[np.float32]) -> NDArray[np.bool_]:
     return np.asarray(np.logical_and.reduce(different))
 
 
-def _shift(points: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
+def _shift(
+    lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> tuple[str, NDArray[np.float64]]:
     """Return the corner that coordinates are relative to: as the header's words, and exactly."""
-    lower, upper = points.min(axis=0), points.max(axis=0)
     far = max(np.abs(lower).max(), np.abs(upper).max())
     if far <= FAR * (upper - lower).max():
         return "", np.zeros(3)
@@ -196,21 +259,19 @@ def _shift(points: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
     return f" origin={','.join(words)}", np.array([float(word) for word in words])
 
 
-def _check_range(points: NDArray[np.float64]) -> None:
-    farthest = float(np.abs(points).max())
+def _check_range(bounds: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
+    farthest = float(np.abs(bounds).max())
     if farthest > np.finfo(np.float32).max / 2:
         refuse("coordinates", farthest, "at most 1.7e38 for STL")
 
 
-def _facets(
-    points: NDArray[np.float64], single: NDArray[np.float32], triangles: NDArray[np.int64]
-) -> NDArray[Any]:
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
+def _facets(corners: NDArray[np.float64], single: NDArray[np.float32]) -> NDArray[Any]:
+    a, b, c = np.moveaxis(corners, 1, 0)
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    facets = np.zeros(len(triangles), FACET)
+    facets = np.zeros(len(corners), FACET)
     facets["normal"] = normals / np.where(lengths > 0, lengths, 1.0)
-    facets["corners"] = single[triangles]
+    facets["corners"] = single
     return facets
 
 
