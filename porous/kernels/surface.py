@@ -15,6 +15,7 @@ row (i, j), which lists those along x first, then y, then z.
 from __future__ import annotations
 
 import functools
+import math
 from typing import TYPE_CHECKING
 
 import numba
@@ -315,6 +316,28 @@ def _caps(fill, bits, above, ends, offset, table, counts_of_case, labels, first,
                 n += count
 
 
+@kernel
+def _add(points, triangles, labels, starts, centre, result, first, last):
+    """Add up area, area of caps and volume of the triangles starts[i] … starts[i + 1] − 1."""
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    for i in range(first, last):
+        area = caps = volume = 0.0
+        for t in range(starts[i], starts[i + 1]):
+            p, q, r = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            ax, ay, az = points[p, 0] - cx, points[p, 1] - cy, points[p, 2] - cz
+            bx, by, bz = points[q, 0] - cx, points[q, 1] - cy, points[q, 2] - cz
+            dx, dy, dz = points[r, 0] - cx, points[r, 1] - cy, points[r, 2] - cz
+            ux, uy, uz = bx - ax, by - ay, bz - az
+            vx, vy, vz = dx - ax, dy - ay, dz - az
+            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+            double = math.sqrt(nx * nx + ny * ny + nz * nz)
+            area += double / 2
+            if labels[t]:
+                caps += double / 2
+            volume += (ax * nx + ay * ny + az * nz) / 6
+        result[i, 0], result[i, 1], result[i, 2] = area, caps, volume
+
+
 class Slab:
     """Rows of cubes ``first`` … ``last`` − 1 along x of a lattice, counted and ready to be written.
 
@@ -362,14 +385,14 @@ class Slab:
         slabs(len(faces), self._size, count, self._report(1))
 
     @property
-    def vertices(self) -> NDArray[np.int64]:
-        """How many vertices each row of cubes along x has, shape (last − first,)."""
-        return np.diff(self._base[:, 0, 0])
+    def counts(self) -> NDArray[np.int64]:
+        """How many vertices and triangles each row of cubes along x has, (last − first, 2)."""
+        vertices = np.diff(self._base[:, 0, 0])
+        return np.stack([vertices, np.diff(self._starts)], axis=1)
 
     @property
-    def triangles(self) -> NDArray[np.int64]:
-        """How many triangles each row of cubes along x has, shape (last − first,)."""
-        return np.diff(self._offset[: self._rows + 1 : self._columns])
+    def _starts(self):
+        return self._offset[: self._rows + 1 : self._columns]
 
     def points(self, frame: Frame, *, beyond: bool = False) -> NDArray[np.float64]:
         """Return the vertices of these rows, shape (n, 3), and of the next one if ``beyond``."""
@@ -384,8 +407,8 @@ class Slab:
         slabs(self._rows + beyond * self._columns, self._size, write, self._report(2))
         return result
 
-    def corners(self, number: int = 0) -> NDArray[np.int64]:
-        """Return the triangles, shape (t, 3); the first vertex of these rows has ``number``."""
+    def triangles(self, number: int = 0) -> NDArray[np.int64]:
+        """Return indices of points, shape (t, 3); the first point of these rows has ``number``."""
         result = np.empty((int(self._offset[self._rows]), 3), dtype=np.int64)
         base = self._base + number
 
@@ -408,6 +431,22 @@ class Slab:
             *(_TRIANGLES, _COUNTS, result),
         )
         slabs(self._rows, self._size, write, self._report(4))
+        return result
+
+    def sums(
+        self, frame: Frame, triangles: NDArray[np.int64], labels: NDArray[np.int16]
+    ) -> NDArray[np.float64]:
+        """Return what each row of cubes along x adds, shape (last − first, 3).
+
+        To the area, to that of the caps, and to the enclosed volume; in ``frame.unit``.
+        ``triangles`` and ``labels`` are those of these rows, points counted from zero. The sums do
+        not depend on how the lattice is cut into slabs.
+        """
+        points = self.points(frame, beyond=True)
+        result = np.empty((len(self._starts) - 1, 3), dtype=np.float64)
+        centre = np.array(frame.box.centre, dtype=np.float64)
+        add = functools.partial(_add, points, triangles, labels, self._starts, centre, result)
+        slabs(len(result), 1, add)
         return result
 
 
@@ -442,10 +481,13 @@ def marching_cubes(
         Where the surface would not fit into memory.
     """
     slab = Slab(fill, len(fill), 0, len(fill) + 1, _fifths(progress))
-    total = int(slab.triangles.sum())
-    needed = int(slab.vertices.sum()) * 24 + total * 26
-    check_memory(needed, f"A surface of {total} triangles", "Use fewer voxels or a lower level.")
-    return slab.points(frame), slab.corners(), slab.labels()
+    vertices, total = slab.counts.sum(axis=0).tolist()
+    check_memory(
+        vertices * 24 + total * 26,
+        f"A surface of {total} triangles",
+        "Use fewer voxels or a lower level.",
+    )
+    return slab.points(frame), slab.triangles(), slab.labels()
 
 
 def _fifths(progress):
