@@ -260,11 +260,19 @@ class _Work:
         try:
             self.surface = self._timed("surface", lambda _: exact_surface(self.model))
         except (ModelError, MeshError, MemoryLimitError, GuestError) as error:
-            if required:
+            if required or (self._wants_cells and isinstance(error, ModelError)):
                 raise
             self.notes.append(f"surface from voxels: {error}")
         else:
             self.is_exact = True
+
+    @property
+    def _wants_cells(self) -> bool:
+        """Whether the mesh is to be the model's own cells: then what is wrong with them is."""
+        from porous.models.model import HasCells
+
+        asked = self.recipe.volume.method in ("auto", "cells")
+        return asked and self._is_whole and isinstance(self.model, HasCells)
 
     @property
     def _is_whole(self) -> bool:
@@ -293,7 +301,7 @@ class _Work:
             raise ModelError(_no_cells(self.recipe, self.model))
         try:
             mesh = self._timed("volume", lambda _: mesh_cells(self.model))
-        except (ModelError, MeshError, MemoryLimitError) as error:
+        except (MeshError, MemoryLimitError) as error:
             if required:
                 raise
             self.notes.append(f"volume not of the model's cells: {error}")

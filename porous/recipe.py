@@ -265,6 +265,8 @@ def build(recipe: Recipe) -> Model:
     ModelError
         Where there is no such model: maps without an attractor, a primitive that is not closed, …
     """
+    if not isinstance(recipe, Recipe):
+        raise RecipeError(f"build: got {recipe!r:.80}; wanted a recipe, such as load('menger')")
     kind: str = recipe.model.kind  # type: ignore[attr-defined]
     model: Model = importlib.import_module(f"porous.models.{kind}").build(recipe.model, Path())
     return model

@@ -236,13 +236,23 @@ def test_coincident_controls_are_named():
         hexa(controls=controls)
 
 
+def rough_and_folded():
+    """Return a block whose texture is rough enough to fold cells of level 3."""
+    texture = Texture(edge=0.7)
+    return hexa(cell="hex-27", level=3, texture=texture, controls=bent(LATTICE, 5, 0.06))
+
+
 def test_a_folded_cell_is_named_and_voxels_still_work():
-    controls = CUBE.copy()
-    controls[:, 7] = [0.3, 0.3, 0.2]
-    model = hexa(controls=controls, level=1)
-    with pytest.raises(ModelError, match=r"cell|address"):
+    model = rough_and_folded()
+    with pytest.raises(ModelError, match=r"cell \d{3}\.\d{3}\.\d{3} .*folded"):
         model.cell_mesh()
     assert po.voxelize(model, voxels=20).solid.any()
+
+
+def test_a_level_0_cell_that_is_folded_is_refused_with_the_order_of_its_controls():
+    vtk = CUBE[:, [0, 4, 6, 2, 1, 5, 7, 3]]
+    with pytest.raises(ModelError, match=r"controls: .*folded.*x slowest, z fastest"):
+        hexa(controls=vtk)
 
 
 @pytest.mark.parametrize(
@@ -352,9 +362,7 @@ def test_a_mirrored_block_has_a_positive_volume():
 
 
 def test_nothing_exact_is_said_of_folded_cells():
-    controls = CUBE.copy()
-    controls[:, 7] = [-0.5, -0.5, -0.5]
-    model = hexa(controls=controls, level=1)
+    model = rough_and_folded()
     assert model.exact() == ()
     assert model.smallest_feature() is None
     with pytest.raises(ModelError, match="folded"):
@@ -384,7 +392,8 @@ def test_a_word_that_does_not_contract_is_named_by_children():
 
 
 def test_levels_too_deep_for_memory_are_refused_at_once():
-    model = hexa("full-2", level=12)
+    assert hexa("full-2", level=12).bulk_volume == pytest.approx(1, rel=1e-12)  # flat faces
+    model = hexa("full-2", level=12, controls=bent(CUBE, 4, 0.1))
     with pytest.raises(po.MemoryLimitError, match="68719476736 cells"):
         _ = model.bulk_volume
     assert model.counts[3] == 8**12

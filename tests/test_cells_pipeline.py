@@ -322,19 +322,35 @@ def test_cells_without_named_sides_get_those_of_their_box(recipe):
     assert volume.is_of_cells
 
 
-@pytest.mark.parametrize("error", [ModelError, MeshError])
-def test_cells_that_cannot_be_are_told_and_voxels_take_over(recipe, error, monkeypatch):
-    class Folded(BentCells):
+def test_cells_that_are_too_much_are_told_and_voxels_take_over(recipe, monkeypatch):
+    class Large(BentCells):
         def cell_mesh(self):
-            raise error("cell 201 is folded")
+            raise MeshError("level 9 is too much")
 
     monkeypatch.setattr(pipeline, "TETWILD_TRIANGLES", 0)
-    model = Folded(ring())
+    model = Large(ring())
     result = run(recipe(model), only="volume")
     assert not result.volume.is_of_cells
-    assert result.notes[0] == "volume not of the model's cells: cell 201 is folded"
-    with pytest.raises(error, match="201"):
+    assert result.notes[0] == "volume not of the model's cells: level 9 is too much"
+    with pytest.raises(MeshError, match="level 9"):
         run(recipe(model, volume__method="cells"))
+
+
+def test_folded_cells_are_refused_unless_voxels_are_asked_for(recipe):
+    class Folded(BentCells):
+        def cell_mesh(self):
+            raise ModelError("cell 201 is folded")
+
+        def boundary(self):
+            raise ModelError("cell 201 is folded")
+
+    model = Folded(ring())
+    for only in ("surface", "volume", None):
+        with pytest.raises(ModelError, match="cell 201"):
+            run(recipe(model), only=only)
+    result = run(recipe(model, volume__method="voxel-hex"))
+    assert not result.volume.is_of_cells
+    assert result.notes[0] == "surface from voxels: cell 201 is folded"
 
 
 def test_what_has_no_cells_says_what_it_has():

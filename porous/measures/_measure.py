@@ -117,6 +117,8 @@ def _grid_rows(census: Census, progress: Progress | None) -> Iterator[Measure]:
         "genus": any(census.frame.periodic),
         "genus_26": any(census.frame.periodic),
         "interface_area": census.sampled,
+        # A tilted or bent end is no layer of voxels that a pore could lead to.
+        **{f"through_porosity_{axis}": census.sampled for axis in "xyz"},
         "box_dimension": not _boxes.has_dimension(census),
     }
     for (name, _), row in GRID.items():

@@ -44,6 +44,9 @@ COINCIDENT = 1e-9
 SMALLEST = 1e-30
 """Extents of controls below this, or above its inverse, are refused: their cubes are no numbers."""
 
+FLAT = 1e-6
+"""A limit that is thinner than this part of its longest extent lies in a plane."""
+
 FUSED = 0.25
 """Radius of what fuses contacts where none is given, as a part of the thinnest cell."""
 
@@ -276,6 +279,8 @@ def bcifs(
         tuple(digits),
         bulk.scaled(scale) if bulk else None,
     )
+    if start.dimension == 3:
+        _check_first_cell(system)
     if bulk is None and start.dimension < 3:
         reach = draw.radius if draw else float(offset) if limit else 0.0
         system = replace(system, bulk_box=system.domain.grown(reach))
@@ -331,7 +336,7 @@ def _check_limit(draw: Sweep | None, contacts: Contacts) -> None:
 def _attractor(system: CellSystem, offset: float, domain: Box | None) -> CellAttractor:
     """Return the limit of a system in a box, its own where none is given."""
     box = domain or system.domain.grown(offset)
-    if not box.volume:
+    if min(box.lengths) <= FLAT * max(box.lengths):
         raise ModelError(
             f"domain: got a box of edges {box.lengths}, for all that the limit holds lies in a "
             "plane; wanted an offset, or a domain"
@@ -406,6 +411,18 @@ def _check_arguments(
             raise ModelError(f"{name}: got {value}; wanted a length above zero")
     if not 0 <= offset < np.inf:
         raise ModelError(f"offset: got {offset}; wanted a length, zero or more")
+
+
+def _check_first_cell(system: CellSystem) -> None:
+    """Raise ``ModelError`` where the level-0 cell is folded; its controls are out of order then."""
+    try:
+        _ = replace(system, level=0).nodes.unfolded
+    except ModelError as error:
+        corners = system.brep.of_dimension(system.brep.start, 0)
+        hint = "x slowest, z fastest" if len(corners) == 8 else "as in its reference cell"
+        raise ModelError(
+            f"controls: {error}. Are they in order ({hint}), and no corner pushed through a face?"
+        ) from None
 
 
 def _check_contracts(brep: BRep, automaton: Automaton) -> None:

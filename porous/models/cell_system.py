@@ -157,9 +157,13 @@ class CellSystem(Value):
     def bulk_surface(self) -> SurfaceMesh:
         """The boundary of the body that porosity refers to: the level-0 cell with nothing lost."""
         from porous.models.cell_bulk import bulk_surface
+        from porous.models.cell_exact import affine_volume
 
-        check_cells(self.automaton, count_cells(self.automaton, self.level), f"level {self.level}")
-        return bulk_surface(self.solution, self.controls, self.level, self.unit)
+        level = self.level
+        if affine_volume(self.solution, self.controls, 0) is not None:
+            level = 0  # flat faces are the same however finely they are cut
+        check_cells(self.automaton, count_cells(self.automaton, level), f"level {level}")
+        return bulk_surface(self.solution, self.controls, level, self.unit)
 
     def sample_bulk(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
         """Return the masks of the body that porosity refers to."""
