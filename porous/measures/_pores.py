@@ -87,7 +87,7 @@ def closed_porosity(grid: Tiled) -> Measure:
 def through_porosity_x(grid: Tiled) -> Measure:
     """Return the part of the bulk in pores that lead through it along x, unit 1.
 
-    Left out of ``measure`` for bodies whose bulk is bent or tilted, which end in no layer of voxels.
+    Left out of ``measure`` for bodies whose bulk is bent or tilted: they end in no layer of voxels.
     A pore leads through where it reaches the first and the last layer of the bulk; along a
     periodic axis where it winds around it, so that a walk inside the pore leads to the same place
     one or more periods on. Connectivity and uncertainty are those of ``open_porosity``.
