@@ -641,14 +641,21 @@ def test_bad_recipes_name_the_key_or_the_state(what):
 def test_what_a_level_cannot_be():
     rng = np.random.default_rng(15)
     automaton, drawings = mixed(rng)
-    with pytest.raises(ModelError, match=r"four independent controls in every state.*'block'"):
-        cifs(automaton, drawings, level="limit")
+    with pytest.raises(ModelError, match=r"ever smaller cells of 'strut', whose radius"):
+        cifs(
+            automaton,
+            [*drawings[:2], sticks(2, beams="edges", radius=0.1), nothing(1)],
+            level="limit",
+        )
     ends = Automaton(
         (State("a", FRAME), State("b", FRAME)),
         (Transition(0, 0, weights_of(State("a", FRAME), FRAME.T / 2)), Transition(0, 1, np.eye(4))),
     )
-    with pytest.raises(ModelError, match="'b' is terminal"):
-        cifs(ends, ["cube", "cube"], level="limit")
+    with pytest.raises(ModelError, match="does not grow the cells of 'b'"):
+        cifs(ends, ["cube", "cube"], level="limit", offset=0.1)
+    finite = Automaton(ends.states, ends.transitions[1:])
+    with pytest.raises(ModelError, match="all that start from 'a' end"):
+        cifs(finite, ["cube", "cube"], level="limit")
     with pytest.raises(ModelError, match="nothing is drawn at level 0, whose cells are of 'block'"):
         cifs(automaton, ["none", *drawings[1:]], level=0)
     with pytest.raises(ModelError, match="wanted one for each of 4 states"):

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 from porous.errors import ModelError
-from porous.models.cell_cover import cells_error, cover_cells, sample_cells
+from porous.models.cell_cover import cells_error, check_limit, cover_cells, sample_cells
 from porous.models.cell_folds import corner_weights
-from porous.models.drawing import Drawing
+from porous.models.drawing import Drawing, nothing
 from porous.values.units import check_unit
 from porous.values.value import Value
 
@@ -57,7 +57,7 @@ class CellAttractor(Value):
     Raises
     ------
     ModelError
-        For a negative offset.
+        For a negative offset, paths that all end, or an offset of cells that end.
     """
 
     level: ClassVar[str] = "limit"
@@ -70,6 +70,7 @@ class CellAttractor(Value):
         check_unit(self.unit)
         if not 0 <= self.offset < math.inf:
             raise ModelError(f"offset: got {self.offset}; wanted zero or a length")
+        check_limit(self.automaton, self.drawings, self.offset)
 
     @property
     def unit(self) -> str:
@@ -133,6 +134,8 @@ class CellAttractor(Value):
 
 
 def _solid(solution: Solution, state: int) -> Drawing:
-    """Return the drawing of a state's cell: the solid, the face or the edge of its corners."""
-    shape = solution.brep.states[state].shape
-    return Drawing(corner_weights(solution, state), solid=SOLIDS[shape])
+    """Return the drawing of a cell that ends: the solid, face or edge of its corners."""
+    found = solution.brep.states[state]
+    if found.children:
+        return nothing(found.size)
+    return Drawing(corner_weights(solution, state), solid=SOLIDS[found.shape])

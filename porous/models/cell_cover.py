@@ -112,6 +112,7 @@ def cover_cells(
         Where no bounds on the weights are found, cells overlap so much that the work has no end in
         sight, or what ends is swept by balls or shall grow by one.
     """
+    check_limit(automaton, _drawn(automaton, drawings), offset)
     limit = _limit(automaton, drawings)
     if offset > 0:
         net = _Net.about(limit, frame, offset + frame.diagonal)
@@ -156,6 +157,7 @@ def sample_cells(
             f"offset: got {offset}; wanted a length above zero, for the limit has no volume of its "
             'own; or sampling = "cover"'
         )
+    check_limit(automaton, _drawn(automaton, drawings), offset)
     net = _Net.about(_limit(automaton, drawings), frame, offset)
     return net.grown(offset).sample(frame, pattern)
 
@@ -163,6 +165,38 @@ def sample_cells(
 def cells_error(frame: Frame, offset: float) -> float:
     """Return how far what ``sample_cells`` draws may be from the true body, in its unit."""
     return _net_error(_cells(frame, offset)[1])
+
+
+def check_limit(automaton: Automaton, drawings: tuple[Drawing, ...], offset: float) -> None:
+    """Raise ``ModelError`` where a limit cannot be covered: every path ends, or as above."""
+    states = automaton.states
+    open_ = _open(automaton)
+    if automaton.start not in open_:
+        raise ModelError(
+            f'level: "limit" wants endless paths; all that start from '
+            f"{states[automaton.start].name!r} end. Wanted a number"
+        )
+    for q in sorted(set(range(len(states))) - open_):
+        if automaton.children[q] or drawings[q].is_empty:
+            continue
+        if drawings[q].reach:
+            raise ModelError(
+                f'level: "limit" draws ever smaller cells of {states[q].name!r}, whose radius or '
+                "thickness does not shrink with them; wanted solids, or a number"
+            )
+        if offset > 0:
+            raise ModelError(
+                f'offset: level = "limit" does not grow the cells of {states[q].name!r}, which '
+                "end; wanted no offset, or a number"
+            )
+
+
+def _open(automaton: Automaton) -> set[int]:
+    """Return the states with endless paths."""
+    found = set(range(len(automaton.states)))
+    while ending := {q for q in found if not {t.target for t in automaton.children[q]} & found}:
+        found -= ending
+    return found
 
 
 # --- what is known of a limit --------------------------------------------------------------
@@ -206,10 +240,14 @@ class _Limit:
         return q, np.column_stack([rows, place - origin, error]) / cell[:, None]
 
 
+def _drawn(automaton: Automaton, drawings: tuple[Drawing, ...]) -> tuple[Drawing, ...]:
+    return drawings or tuple(nothing(state.size) for state in automaton.states)
+
+
 @lru_cache(maxsize=8)
 def _limit(automaton: Automaton, drawings: tuple[Drawing, ...]) -> _Limit:
     """Return what is known of the limit of an automaton's start."""
-    drawn = drawings or tuple(nothing(state.size) for state in automaton.states)
+    drawn = _drawn(automaton, drawings)
     part, ends = _endless(automaton, drawn)
     weights = weights_of(part)
     held = _narrow(weights, intervals(weights))
@@ -231,26 +269,13 @@ def _endless(
             states.append(State(f"{states[q].name}, drawn", corners))
     drawn = dict.fromkeys(range(len(automaton.states)), ())
     part, _ = endless(Automaton(tuple(states), tuple(transitions), automaton.start), drawn)
-    if automaton.start not in part.states:
-        raise ModelError(
-            f'level: "limit" wants endless paths; all that start from '
-            f"{automaton.states[automaton.start].name!r} end. Wanted a number"
-        )
-    ends = tuple(tuple(_ends(automaton, drawings, q, part.states)) for q in part.states)
-    used = {end.state for own in ends for end in own}
-    for q in used:
-        if drawings[q].reach:
-            raise ModelError(
-                f'level: "limit" draws ever smaller cells of {automaton.states[q].name!r}, whose '
-                "radius or thickness does not shrink with them; wanted solids, or a number"
-            )
+    ends = tuple(tuple(_ends(automaton, drawings, q)) for q in part.states)
     return part, ends
 
 
-def _ends(
-    automaton: Automaton, drawings: tuple[Drawing, ...], state: int, open_: list[int]
-) -> Iterator[_End]:
+def _ends(automaton: Automaton, drawings: tuple[Drawing, ...], state: int) -> Iterator[_End]:
     """Yield the drawn cells of all paths from a state that end, by way of none that is endless."""
+    open_ = _open(automaton)
     front = [(t.target, t.matrix) for t in automaton.children[state] if t.target not in open_]
     while front:
         q, matrix = front.pop()
@@ -394,12 +419,6 @@ class _Net:
     @classmethod
     def about(cls, limit: _Limit, frame: Frame, reach: float) -> _Net:
         """Return the net of the part of a limit within ``reach`` of a frame."""
-        if any(limit.ends):
-            names = {limit.automaton.states[end.state].name for own in limit.ends for end in own}
-            raise ModelError(
-                f'offset: level = "limit" does not grow the cells of {", ".join(sorted(names))}, '
-                "which end; wanted no offset, or a number"
-            )
         _, cell = _cells(frame, reach)
         origin = np.array(frame.origin)
         lower, upper = _reached(limit, frame, reach)

@@ -79,8 +79,8 @@ class CIFS(Value):
     drawings
         What the cells of each state are drawn as.
     level
-        A number, or ``"limit"`` for the attractor, where every state has four independent controls
-        and none is terminal.
+        A number, or ``"limit"`` for the attractor; cells of terminal states, of any level, belong
+        to it.
     domain
         The box that is sampled: of all levels and the attractor, grown by radii and ``offset``.
     bulk
@@ -113,7 +113,7 @@ class CIFS(Value):
         wanted = [state.size for state in self.automaton.states]
         if sizes != wanted:
             raise ModelError(f"drawings: got some on {sizes} controls; wanted {wanted}")
-        _check_level(self.automaton, self.drawings, self.level)
+        _check_level(self.automaton, self.drawings, self.level, self.offset)
 
     @cached_property
     def born(self) -> tuple[tuple[Cells, ...], Indices]:
@@ -155,19 +155,34 @@ class CIFS(Value):
         """
         if self.level != "limit":
             return self.body.sample(frame, pattern)
-        from porous.models.cover import sample_attractor
+        if self._moves_space:
+            from porous.models.cover import sample_attractor
 
-        return sample_attractor(
-            self.automaton, self.attractor_balls, frame, pattern, offset=self.offset
+            return sample_attractor(
+                self.automaton, self.attractor_balls, frame, pattern, offset=self.offset
+            )
+        from porous.models.cell_cover import sample_cells
+
+        return sample_cells(
+            self.automaton, frame, pattern, drawings=self.drawings, offset=self.offset
         )
 
     def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
         """Return marks of every voxel that the body touches, and a Hausdorff bound."""
         if self.level != "limit":
             return self.body.cover(frame)
-        from porous.models.cover import cover_attractor
+        if self._moves_space:
+            from porous.models.cover import cover_attractor
 
-        return cover_attractor(self.automaton, self.attractor_balls, frame, offset=self.offset)
+            return cover_attractor(self.automaton, self.attractor_balls, frame, offset=self.offset)
+        from porous.models.cell_cover import cover_cells
+
+        return cover_cells(self.automaton, frame, drawings=self.drawings, offset=self.offset)
+
+    @property
+    def _moves_space(self) -> bool:
+        """Whether cells are images of space, and every path is endless."""
+        return self.automaton.spatial and all(self.automaton.children)
 
     @cached_property
     def is_cut(self) -> bool:
@@ -191,9 +206,12 @@ class CIFS(Value):
 
     def sampling_error(self, frame: Frame) -> float:
         """Return how far the boundary that is sampled may lie from the body's, in ``unit``."""
+        if self.level != "limit":
+            return 0.0
+        from porous.models.cell_cover import cells_error
         from porous.models.cover import net_error
 
-        return net_error(frame, self.offset) if self.level == "limit" else 0.0
+        return (net_error if self._moves_space else cells_error)(frame, self.offset)
 
     @cached_property
     def plain(self) -> IFS | None:
@@ -364,7 +382,7 @@ def cifs(
     """
     drawn = _drawings(automaton, drawings)
     automaton = automaton if controls is None else _moved(automaton, controls)
-    _check_level(automaton, drawn, level)
+    _check_level(automaton, drawn, level, float(offset))
     _check_contracts(automaton)
     sampled = domain or natural_box(automaton, drawn)
     scale = 1.0 if size is None else float(size) / max(sampled.lengths)
@@ -479,10 +497,14 @@ def _drawings(
     return tuple(map(drawn_as, given, automaton.states))
 
 
-def _check_level(automaton: Automaton, drawings: Sequence[Drawing], level: object) -> None:
+def _check_level(
+    automaton: Automaton, drawings: Sequence[Drawing], level: object, offset: float
+) -> None:
     """Raise ``ModelError`` for a level that cannot be, or at which nothing is drawn."""
     if level == "limit":
-        _check_limit(automaton)
+        from porous.models.cell_cover import check_limit
+
+        check_limit(automaton, tuple(drawings), offset)
         return
     if not isinstance(level, int | np.integer) or isinstance(level, bool):
         raise ModelError(f'level: got {level!r}; wanted a whole number or "limit"')
@@ -497,20 +519,6 @@ def _check_level(automaton: Automaton, drawings: Sequence[Drawing], level: objec
         )
     for q, (state, drawing) in enumerate(zip(automaton.states, drawings, strict=True)):
         _check_regular(automaton, q, state, drawing)
-
-
-def _check_limit(automaton: Automaton) -> None:
-    for state, children in zip(automaton.states, automaton.children, strict=True):
-        if state.inverse is None:
-            raise ModelError(
-                f'level: "limit" wants four independent controls in every state, for cells that '
-                f"are images of space; {state.name!r} has others. Wanted a number"
-            )
-        if not children:
-            raise ModelError(
-                f'level: "limit" wants children in every state; {state.name!r} is terminal. '
-                "Wanted a number"
-            )
 
 
 def _check_regular(automaton: Automaton, q: int, state: State, drawing: Drawing) -> None:
