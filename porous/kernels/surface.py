@@ -361,7 +361,8 @@ class Slab:
         last: int,
         report: Callable[[int], Callable[[int, int], None] | None] = lambda _step: None,
     ) -> None:
-        self._fill, self._first, self._report = source(fill, np.uint8), first, report
+        self.fill, self.first, self.last = source(fill, np.uint8), first, last
+        self._report = report
         self._above = 1 if first == 0 else 0
         self._ends = np.array([-first, planes - first], dtype=np.int64)
         _, ny, nz = fill.shape
@@ -379,8 +380,8 @@ class Slab:
 
     def _count(self, vertices, faces):
         size = -(-self._size // self._columns)
-        pack = functools.partial(_pack, self._fill, self._bits, self._above)
-        slabs(len(self._fill), size, pack, self._report(0))
+        pack = functools.partial(_pack, self.fill, self._bits, self._above)
+        slabs(len(self.fill), size, pack, self._report(0))
         count = functools.partial(_count, self._bits, _COUNTS, vertices, faces)
         slabs(len(faces), self._size, count, self._report(1))
 
@@ -398,24 +399,23 @@ class Slab:
         """Return the vertices of these rows, shape (n, 3), and of the next one if ``beyond``."""
         count = self._beyond if beyond else int(self._base[-1, 0, 0])
         result = np.empty((count, 3), dtype=np.float64)
-        numbers = np.array([*frame.origin, *frame.spacing, *frame.start, self._first], np.float64)
-        void = source(np.zeros(self._fill.shape[2]), np.uint8)
+        numbers = np.array([*frame.origin, *frame.spacing, *frame.start, self.first], np.float64)
+        void = source(np.zeros(self.fill.shape[2]), np.uint8)
         write = functools.partial(
             _vertices,
-            *(self._fill, void, self._bits, self._above, self._base, numbers, result.reshape(-1)),
+            *(self.fill, void, self._bits, self._above, self._base, numbers, result.reshape(-1)),
         )
         slabs(self._rows + beyond * self._columns, self._size, write, self._report(2))
         return result
 
-    def triangles(self, number: int = 0) -> NDArray[np.int64]:
-        """Return indices of points, shape (t, 3); the first point of these rows has ``number``."""
+    def triangles(self) -> NDArray[np.int64]:
+        """Return indices of the points of these rows and of the next one, shape (t, 3)."""
         result = np.empty((int(self._offset[self._rows]), 3), dtype=np.int64)
-        base = self._base + number
 
         def write(first, last):
             ids = np.empty(16, dtype=np.int64)
             _triangles(
-                *(self._bits, base, self._offset, _SLOTS, _STEPS, _COUNTS, ids),
+                *(self._bits, self._base, self._offset, _SLOTS, _STEPS, _COUNTS, ids),
                 *(result.reshape(-1), first, last),
             )
 
@@ -427,7 +427,7 @@ class Slab:
         result = np.zeros(int(self._offset[self._rows]), dtype=np.int16)
         write = functools.partial(
             _caps,
-            *(self._fill, self._bits, self._above, self._ends, self._offset),
+            *(self.fill, self._bits, self._above, self._ends, self._offset),
             *(_TRIANGLES, _COUNTS, result),
         )
         slabs(self._rows, self._size, write, self._report(4))

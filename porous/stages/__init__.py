@@ -7,10 +7,12 @@ from porous.stages._mesh_cells import mesh_cells
 from porous.stages._name_parts import name_parts
 from porous.stages._simplify import simplify
 from porous.stages._smooth import smooth
+from porous.stages._stream_surface import StreamedSurface, stream_surface
 from porous.stages._tetrahedralize import tetrahedralize
 from porous.stages._voxelize import voxelize
 
 __all__ = [
+    "StreamedSurface",
     "exact_surface",
     "extract_surface",
     "hexahedralize",
@@ -18,6 +20,7 @@ __all__ = [
     "name_parts",
     "simplify",
     "smooth",
+    "stream_surface",
     "tetrahedralize",
     "voxelize",
 ]

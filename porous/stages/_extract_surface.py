@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 FACES = ("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX")
 """Faces of the frame, in the order of the caps' labels 1 … 6; label 0 is WALL."""
+NAMES = ("WALL", *FACES)
 
 LEWINER_LEVEL = 127.75
 """At 127.5, the midpoint of 0 and 255, scikit-image's face tests are ties: its surface breaks."""
@@ -71,16 +72,18 @@ def extract_surface(
     """
     if method not in METHODS:
         raise MeshError(f"surface method: got {method!r}; wanted one of {', '.join(METHODS)}")
-    fullest = int(grid.fill.max())
+    check_fullest(int(grid.fill.max()))
+    points, triangles, labels = METHODS[method](grid, progress)
+    return SurfaceMesh(adopted(points), adopted(triangles), grid.frame.unit, adopted(labels), NAMES)
+
+
+def check_fullest(fullest: int) -> None:
+    """Raise ``MeshError`` where the fullest voxel is not solid: there is no surface."""
     if fullest < 128:
         raise MeshError(
             f"surface: no voxel is at least half solid (the fullest is {fullest / 2.55:.0f} % "
             "solid). Use more voxels, sampling = 'cover', or an offset"
         )
-    points, triangles, labels = METHODS[method](grid, progress)
-    return SurfaceMesh(
-        adopted(points), adopted(triangles), grid.frame.unit, adopted(labels), ("WALL", *FACES)
-    )
 
 
 Extraction = tuple["NDArray[np.float64]", "NDArray[np.int64]", "NDArray[np.int16]"]
