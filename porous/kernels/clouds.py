@@ -38,36 +38,27 @@ def _stamp(marks, across, along, maps, xs, ys, zs, places):
 
 
 @kernel
-def _stamp_clipped(marks, shape, maps, xs, ys, zs):
+def _stamp_clipped(marks, shape, maps, xs, ys, zs, places):
+    count = len(xs)
+    nx, ny, nz = np.float64(shape[0]), np.float64(shape[1]), np.float64(shape[2])
+    across, along = np.int32(shape[1] * shape[2]), np.int32(shape[2])
     for w in range(len(maps)):
-        for k in range(len(xs)):
-            i = j = n = np.int64(-1)
-            x = (
-                maps[w, 0, 0] * xs[k]
-                + maps[w, 0, 1] * ys[k]
-                + maps[w, 0, 2] * zs[k]
-                + maps[w, 0, 3]
-            )
-            if x >= 0.0 and x < shape[0]:
-                i = np.int64(x)
-            y = (
-                maps[w, 1, 0] * xs[k]
-                + maps[w, 1, 1] * ys[k]
-                + maps[w, 1, 2] * zs[k]
-                + maps[w, 1, 3]
-            )
-            if y >= 0.0 and y < shape[1]:
-                j = np.int64(y)
-            z = (
-                maps[w, 2, 0] * xs[k]
-                + maps[w, 2, 1] * ys[k]
-                + maps[w, 2, 2] * zs[k]
-                + maps[w, 2, 3]
-            )
-            if z >= 0.0 and z < shape[2]:
-                n = np.int64(z)
-            if i >= 0 and j >= 0 and n >= 0:
-                marks[(i * shape[1] + j) * shape[2] + n] = 1
+        a, b, c, p = maps[w, 0, 0], maps[w, 0, 1], maps[w, 0, 2], maps[w, 0, 3]
+        d, e, f, q = maps[w, 1, 0], maps[w, 1, 1], maps[w, 1, 2], maps[w, 1, 3]
+        g, h, i, r = maps[w, 2, 0], maps[w, 2, 1], maps[w, 2, 2], maps[w, 2, 3]
+        for k in range(count):
+            x, y, z = xs[k], ys[k], zs[k]
+            u = a * x + b * y + c * z + p
+            v = d * x + e * y + f * z + q
+            t = g * x + h * y + i * z + r
+            inside = (u >= 0.0) & (u < nx) & (v >= 0.0) & (v < ny) & (t >= 0.0) & (t < nz)
+            # Held within the window, so that the conversions are defined for all.
+            u, v, t = min(max(u, 0.0), nx), min(max(v, 0.0), ny), min(max(t, 0.0), nz)
+            place = np.int32(u) * across + np.int32(v) * along + np.int32(t)
+            places[k] = place if inside else np.int32(-1)
+        for k in range(count):
+            if places[k] >= 0:
+                marks[places[k]] = 1
 
 
 def stamp(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool) -> None:
@@ -84,7 +75,7 @@ def stamp(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool
         Shape (3, n): x, y and z of the points.
     inside
         Whether all images are known to lie in the window, not nearer to its border than rounding;
-        where they do not, images outside are left out, at a third of the speed.
+        where they do not, images outside are left out, more slowly.
     """
     flat = marks.reshape(-1)
     xs, ys, zs = (source(axis, np.float64) for axis in cloud)
@@ -97,4 +88,4 @@ def stamp(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool
         if inside:
             _stamp(flat, across, along, batch, xs, ys, zs, places)
         else:
-            _stamp_clipped(flat, shape, batch, xs, ys, zs)
+            _stamp_clipped(flat, shape, batch, xs, ys, zs, places)

@@ -375,8 +375,9 @@ def _tightened(
     """
     blocks = np.column_stack([balls[:, :3], np.repeat(balls[:, 3:], 3, axis=1)])
     words = [_words(state, first, targets, maps) for state in range(len(balls))]
+    norms = [np.linalg.norm(found[:, :, :3], 2, axis=(1, 2)) for _, found in words]
     for _ in range(ROUNDS):
-        found = [_held(*words[state], balls, blocks) for state in range(len(balls))]
+        found = [_held(*words[q], norms[q], balls, blocks) for q in range(len(balls))]
         blocks = np.array([block for _, block in found])
         new = np.array([ball for ball, _ in found])
         balls = np.where(new[:, 3:] < balls[:, 3:], new, balls)
@@ -400,7 +401,9 @@ def _words(state: int, first: Indices, targets: Indices, maps: Floats) -> tuple[
             return ends, found
 
 
-def _held(ends: Indices, maps: Floats, balls: Floats, blocks: Floats) -> tuple[Floats, Floats]:
+def _held(
+    ends: Indices, maps: Floats, norms: Floats, balls: Floats, blocks: Floats
+) -> tuple[Floats, Floats]:
     """Return a ball (4,) and a box (6,) that hold the images of the ends' balls and boxes."""
     linear, shift = maps[:, :, :3], maps[:, :, 3]
     middle = np.einsum("kab,kb->ka", linear, balls[ends, :3]) + shift
@@ -410,7 +413,7 @@ def _held(ends: Indices, maps: Floats, balls: Floats, blocks: Floats) -> tuple[F
     lower = np.maximum(middle - reach, other - across).min(axis=0)
     upper = np.minimum(middle + reach, other + across).max(axis=0)
     block = np.concatenate([(lower + upper) / 2, (upper - lower) / 2 * TIGHT])
-    radii = np.linalg.norm(linear, 2, axis=(1, 2)) * balls[ends, 3]
+    radii = norms * balls[ends, 3]
     centre = block[:3]
     for step in range(1, 65):  # towards the furthest image: Bădoiu and Clarkson 2003
         far = np.linalg.norm(middle - centre, axis=1) + radii
