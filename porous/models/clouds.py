@@ -128,7 +128,7 @@ def fitting(
     words = Words(np.array([root[0]]), root[1][None])
     while True:
         lower, upper = boxes(system, words)
-        near = (upper > 0).all(axis=1) & (lower < shape).all(axis=1)
+        near = (upper > -MARGIN).all(axis=1) & (lower < shape + MARGIN).all(axis=1)
         words = Words(words.states[near], words.maps[near])
         wide = _per_voxel(system, found, words, h) < WANTED
         finer = opened(system, words, wide)
@@ -151,8 +151,8 @@ def stamp_points(
     found: tuple[Cloud, ...],
     root: tuple[int, Floats],
     spacing: Floats,
-) -> None:
-    """Mark the voxels of a window in which points of the attractor were found.
+) -> bool:
+    """Mark voxels of a window that hold points of the attractor; tell whether it may touch any.
 
     Parameters
     ----------
@@ -179,3 +179,4 @@ def stamp_points(
                 share = min(1.0, WANTED / float(dense[chosen].mean()))
                 some = cloud.points[:, : max(1, math.ceil(share * cloud.points.shape[1]))]
                 stamp(marks, words.maps[chosen], some, inside=within)
+    return bool(len(words.states))

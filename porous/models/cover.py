@@ -116,7 +116,8 @@ def cover_attractor(
     h = min(frame.spacing)
     window = _Window(np.array(frame.start), np.array(frame.shape), np.array(frame.spacing))
     marks = window.covered(automaton, balls, _root(automaton, frame, 1), h / fine)
-    return marks.astype(np.uint64), (frame.diagonal + 2 * h / fine) * ROUNDING
+    masks = marks.astype(np.uint64) if marks.any() else np.zeros(marks.shape, np.uint64)
+    return masks, (frame.diagonal + 2 * h / fine) * ROUNDING
 
 
 def sample_attractor(
@@ -185,7 +186,9 @@ class _Window:
         marks, given = self._empty(), balls.tobytes()
         here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
         system = _system(automaton, given)
-        stamp_points(marks, system, _clouds(automaton, given), (root[0], here), self.spacing)
+        found = _clouds(automaton, given)
+        if not stamp_points(marks, system, found, (root[0], here), self.spacing):
+            return marks
         if overlaps(system):
             self._seek(marks, system, _reference(automaton, given), root, size)
         else:
