@@ -37,24 +37,33 @@ PACKAGES = "libx11-6 libegl1 libgl1"
 FINEST = 160
 """Voxels along an edge that a picture shows; finer grids are thinned."""
 
-COLOUR = "#d2b48c"
-INSIDE = "#b5651d"
-"""Of walls, where a surface's labels tell them from the faces of the level-0 cell or the frame."""
+COLOUR = "#e3c794"
+INSIDE = "#c65d2e"
+"""Of walls, where a surface's labels tell them from the sides of the body or of its frame."""
+
+LIGHTS = (((-0.2, 1.4, 0.8), 0.72), ((-1.2, -0.1, 1.0), 0.52), ((0.5, 0.0, 1.0), 0.4))
+"""Where the lights stand, to the right, above and towards the eye, and how bright they are."""
+
+CREASE = 35.0
+"""Degrees between triangles from which on the edge between them is drawn as one."""
 
 FROM = (1.7, -2.3, 1.3)
 """Where the eye is, seen from the body."""
 
 
-def picture(value: Drawable, *, width: int = 800, height: int = 600) -> bytes:
+def picture(value: Drawable, *, width: int = 800, height: int = 600, triad: bool = True) -> bytes:
     """Return a picture of a grid or a mesh as the bytes of a PNG file.
 
     Parameters
     ----------
     value
-        A voxel grid (its solid voxels are drawn), a surface or a volume mesh (its boundary, with
-        the edges of its cells).
+        A voxel grid (its solid voxels are drawn), a surface (its walls darker than the sides of
+        the body, where labels tell them apart) or a volume mesh (its boundary, with the edges of
+        its cells).
     width, height
         In pixels.
+    triad
+        Whether the directions of the axes are shown in the lower left corner.
 
     Raises
     ------
@@ -64,7 +73,7 @@ def picture(value: Drawable, *, width: int = 800, height: int = 600) -> bytes:
     """
     _require_libraries()
     with workplace() as folder:
-        _save_scene(folder / "scene.npz", value, (width, height))
+        _save_scene(folder / "scene.npz", value, (width, height), triad=triad)
         _draw(folder, "picture.png")
         return (folder / "picture.png").read_bytes()
 
@@ -114,7 +123,7 @@ def _draw(folder: Path, *image: str) -> None:
         raise ViewError(f"the picture could not be drawn: {error}") from None
 
 
-def _save_scene(path: Path, value: Drawable, size: tuple[int, int]) -> None:
+def _save_scene(path: Path, value: Drawable, size: tuple[int, int], *, triad: bool = True) -> None:
     if min(size) < 1:
         raise ViewError(f"picture: got {size[0]} × {size[1]} pixels; wanted at least one")
     points, faces = _polygons(value)
@@ -122,7 +131,7 @@ def _save_scene(path: Path, value: Drawable, size: tuple[int, int]) -> None:
         raise ViewError("there is nothing to draw: no solid voxel, triangle or cell")
     edges = isinstance(value, VolumeMesh)
     walls = _walls(value) if isinstance(value, SurfaceMesh) else np.zeros(len(faces), bool)
-    np.savez(path, points=points, faces=faces, walls=walls, size=size, edges=edges)
+    np.savez(path, points=points, faces=faces, walls=walls, size=size, edges=edges, triad=triad)
 
 
 def _walls(surface: SurfaceMesh) -> NDArray[np.bool_]:
@@ -168,29 +177,48 @@ def _render(scene: str, image: str | None) -> None:
     import pyvista as pv
 
     with np.load(scene) as arrays:
-        points, faces, walls = arrays["points"], arrays["faces"], arrays["walls"]
-        size, edges = arrays["size"].tolist(), bool(arrays["edges"])
-    body = pv.PolyData.from_regular_faces(points, faces)
+        body = pv.PolyData.from_regular_faces(arrays["points"], arrays["faces"])
+        body.cell_data["walls"] = arrays["walls"].astype(np.uint8)
+        size, edges, triad = arrays["size"].tolist(), bool(arrays["edges"]), bool(arrays["triad"])
     length = body.length
     plotter: Any = pv.Plotter(off_screen=image is not None, window_size=size)
-    body.cell_data["walls"] = walls.astype(np.uint8)
+    _add_body(plotter, body, edges=edges)
+    plotter.set_background("white")
+    if triad:
+        plotter.add_axes()
+    plotter.view_vector(FROM)
+    plotter.camera.zoom(1.05)
+    plotter.enable_ssao(radius=length / 8, bias=length / 1000, kernel_size=32)
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.show(screenshot=image or False, auto_close=True)
+
+
+def _add_body(plotter: Any, body: Any, *, edges: bool) -> None:
+    """Light a body from where the eye is, round between creases unless its cells are shown."""
+    import pyvista as pv
+
+    if not edges:
+        body = body.compute_normals(
+            cell_normals=False,
+            split_vertices=True,
+            feature_angle=CREASE,
+            consistent_normals=False,
+        )
     plotter.add_mesh(
         body,
         scalars="walls",
         cmap=[COLOUR, INSIDE],
         clim=(0, 1),
         show_scalar_bar=False,
-        ambient=0.25,
+        ambient=0.26,
+        diffuse=0.8,
+        smooth_shading=not edges,
         show_edges=edges,
         edge_color="#5c4a32",
     )
-    plotter.set_background("white")
-    plotter.add_axes()
-    plotter.view_vector(FROM)
-    plotter.camera.zoom(1.05)
-    plotter.enable_ssao(radius=length / 8, bias=length / 1000, kernel_size=32)
-    plotter.enable_anti_aliasing("ssaa")
-    plotter.show(screenshot=image or False, auto_close=True)
+    plotter.remove_all_lights()
+    for position, intensity in LIGHTS:
+        plotter.add_light(pv.Light(position, light_type="camera light", intensity=intensity))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import io
 import os
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,6 +79,37 @@ def test_a_mesh_of_cells_is_drawn():
     wide, high = extent(view.picture(bricks(), width=300, height=200))
     assert wide > 50
     assert high > 50
+
+
+def colours(png):
+    """Return the colour of each pixel that is not white, as saturations from 0 to 1."""
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(float)
+    pixels = pixels[pixels.min(axis=-1) < 240]
+    return 1 - pixels.min(axis=-1) / pixels.max(axis=-1)
+
+
+@draws
+def test_walls_are_told_from_sides_where_labels_do():
+    body = tetrahedron()
+    labelled = replace(body, labels=np.array([0, 1, 0, 0]), names=("WALL", "YMIN"))
+    plain, both = (
+        colours(view.picture(value, width=200, height=200, triad=False))
+        for value in (body, labelled)
+    )
+    assert plain.max() < 0.55
+    assert (both > 0.65).sum() > 200
+    assert (both < 0.55).sum() > 200
+
+
+@draws
+def test_the_triad_can_be_left_out():
+    with_it, without = (
+        np.asarray(Image.open(io.BytesIO(view.picture(tower(9), width=300, height=300, triad=t))))
+        for t in (True, False)
+    )
+    corner = np.s_[-75:, :75]
+    assert without[corner].min() > 240
+    assert with_it[corner].min() < 200
 
 
 def test_the_boundary_is_the_faces_of_one_cell():
