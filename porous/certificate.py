@@ -40,6 +40,9 @@ ORDERS: Mapping[str, float] = MappingProxyType({"volume": 2.0, "surface_area": 1
 """How fast the error of a surface from voxels falls with their size: edges and corners that are
 cut off lose volume with its square and area in proportion."""
 
+THIN = 1.6
+"""That of the volume where the smallest feature has three voxels or fewer."""
+
 MADE = {"surface", "volume"}
 
 COVERAGE = 2.0
@@ -135,6 +138,7 @@ def certify(
         measures = _measured(model, grid, surface, volume)
     periodic = grid is not None and any(grid.frame.periodic)
     voxels = max(grid.frame.shape) if grid is not None else None
+    lattice = _lattice(measures, grid)
     found = {quantity: _rows_of(measures, quantity, periodic=periodic) for quantity in TARGETS}
     asked = {q: r for q, r in found.items() if r and (not q.endswith("_26") or {*r} & MADE)}
     # Where the volume is known in closed form, so is where the boundary lies.
@@ -142,7 +146,7 @@ def certify(
     checks = []
     for quantity, rows in asked.items():
         check = _check(quantity, rows)
-        check = replace(check, remedy=_remedy(check, rows, voxels, exact=exact))
+        check = replace(check, remedy=_remedy(check, rows, voxels, lattice, exact=exact))
         checks.append(_with_contacts(check, rows, measures))
     return Certificate(tuple(checks))
 
@@ -247,7 +251,22 @@ def _verdict(row: Measure, reference: Measure, tolerance: float) -> str:
     return "differ" if _certain(reference) or gap > allowed + _width(reference) else "unknown"
 
 
-def _remedy(check: Check, rows: dict[str, Measure], voxels: int | None, *, exact: bool) -> str:
+def _lattice(measures: Measures, grid: VoxelGrid | None) -> int | None:
+    """Return how many smallest features make the longest edge, where that is a whole number."""
+    if grid is None or "smallest_feature" not in measures:
+        return None
+    count = max(grid.frame.box.lengths) / measures["smallest_feature"].value
+    return round(count) if math.isclose(count, round(count), rel_tol=1e-6) else None
+
+
+def _remedy(
+    check: Check,
+    rows: dict[str, Measure],
+    voxels: int | None,
+    lattice: int | None,
+    *,
+    exact: bool,
+) -> str:
     if check.verdict == "agree":
         return ""
     if len(rows) < 2:
@@ -257,17 +276,17 @@ def _remedy(check: Check, rows: dict[str, Measure], voxels: int | None, *, exact
         return "all of these are exact, and one is wrong: that is a fault of porous; tell us"
     if exact and made and all(row.method not in BY_CONSTRUCTION for row in made):
         return 'surface.method = "exact" takes the boundary from the model, without voxels' + (
-            f"; or {_finer(check, rows, voxels)}" if voxels else ""
+            f"; or {_finer(check, rows, voxels, lattice)}" if voxels else ""
         )
     tetrahedra = any(row.method == "tetrahedra" for row in made)
     if tetrahedra and any(row.method in BY_CONSTRUCTION for row in made):
         return "the tetrahedra depart from their surface: wanted a shorter volume.edge_length"
     if not voxels:
         return "wanted more voxels, or a shorter volume.edge_length"
-    return _finer(check, rows, voxels)
+    return _finer(check, rows, voxels, lattice)
 
 
-def _finer(check: Check, rows: dict[str, Measure], voxels: int) -> str:
+def _finer(check: Check, rows: dict[str, Measure], voxels: int, lattice: int | None) -> str:
     """Name the resolution at which the difference would be within its tolerance."""
     if not check.tolerance:
         return (
@@ -276,9 +295,16 @@ def _finer(check: Check, rows: dict[str, Measure], voxels: int) -> str:
     reference = _reference(list(rows.values()))
     gap = max(abs(row.value - reference.value) for row in rows.values())
     whole = any(row.method == "hexahedra" for row in rows.values())  # whole voxels: first order
-    factor = (gap / check.tolerance) ** (1.0 if whole else 1 / ORDERS[check.quantity])
-    needed = math.ceil(voxels * max(factor, 1.2))
-    return f"about {needed} voxels along the longest edge would be within {check.tolerance:.2g}"
+    thin = lattice is not None and voxels <= 3 * lattice
+    order = 1.0 if whole else min(ORDERS[check.quantity], THIN if thin else 2.0)
+    needed = math.ceil(voxels * max((gap / check.tolerance) ** (1 / order), 1.2))
+    fits = ""
+    if lattice is not None:
+        # Off the lattice a face may come out a twelfth of a voxel away from where it is.
+        needed, fits = -(-needed // lattice) * lattice, f" (a multiple of {lattice})"
+    return (
+        f"about {needed} voxels along the longest edge{fits} would be within {check.tolerance:.2g}"
+    )
 
 
 def _cells(row: Check) -> tuple[str, ...]:

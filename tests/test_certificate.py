@@ -60,11 +60,34 @@ def test_marching_cubes_differ_from_the_closed_form_and_the_remedy_works(menger,
     assert row(certify(menger, finer, extract_surface(finer)), "surface_area").verdict == "agree"
 
 
-def test_one_voxel_per_feature_loses_volume(menger):
-    grid = voxelize(menger, voxels=9)
-    certificate = certify(menger, grid, extract_surface(grid))
-    assert row(certificate, "volume").verdict == "differ"
-    assert "voxels along the longest edge" in row(certificate, "volume").remedy
+@pytest.mark.parametrize(
+    ("name", "voxels"),
+    # 1, 2 and 3 voxels across the smallest feature, on the lattice and off it.
+    [("menger", 9), ("menger", 13), ("menger", 18), ("vicsek-7", 9), ("vicsek-7", 27)],
+)
+def test_features_too_thin_for_marching_cubes_are_refused_and_both_remedies_work(name, voxels):
+    model = build(load(name))
+    grid = voxelize(model, voxels=voxels)
+    certificate = certify(model, grid, extract_surface(grid))
+    assert not certificate.good
+    volume = row(certificate, "volume")
+    assert volume.verdict == "differ"
+    assert volume.remedy.startswith('surface.method = "exact" takes the boundary from the model')
+    assert row(certify(model, None, exact_surface(model)), "volume").verdict == "agree"
+    needed = int(volume.remedy.split("about ")[1].split()[0])
+    assert needed % 9 == 0
+    finer = voxelize(model, voxels=needed)
+    assert row(certify(model, finer, extract_surface(finer)), "volume").verdict == "agree"
+
+
+def test_where_no_lattice_fits_the_exact_boundary_does():
+    model = build(load("jerusalem-cube", set={"model.level": 1}))
+    grid = voxelize(model, voxels=17)
+    volume = row(certify(model, grid, extract_surface(grid)), "volume")
+    assert volume.verdict == "differ"
+    assert 'surface.method = "exact"' in volume.remedy
+    assert "multiple" not in volume.remedy
+    assert row(certify(model, None, exact_surface(model)), "volume").verdict == "agree"
 
 
 def test_without_a_closed_form_nothing_is_claimed(grid):
