@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import porous.formats
 from porous import formats
 from porous.errors import FormatError, FormatWarning
-from porous.formats import _registry
+from porous.formats import _registry, ply, stl
 from porous.values import Block, Frame, Part, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.units import METRES
 
@@ -805,3 +805,66 @@ def test_a_large_grid_comes_through_blocks_of_every_length(folder):
     for suffix in EXACT[VoxelGrid]:
         assert round_trip(folder, grid, suffix) == grid
         assert (folder / f"value{suffix}").stat().st_size < fill.size / 10
+
+
+# --- piece by piece ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_ply_in_pieces_has_the_bytes_of_the_whole(size):
+    whole = ball(unit="um")
+    t, labels = whole.triangles, whole.labels
+    starts = range(0, len(t), size)
+    points = [whole.points[a : a + size] for a in range(0, len(whole.points), size)]
+    faces = ((t[a : a + size], labels[a : a + size]) for a in starts)
+    pieces = ply.stream(whole.unit, whole.names, (len(whole.points), len(t)), points, faces)
+    assert b"".join(pieces) == b"".join(ply.write(whole))
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("shift", [0.0, 1e5])
+def test_stl_in_pieces_has_the_bytes_of_the_whole(size, shift):
+    whole = ball(unit="um", shift=(shift, 2.0, 1.0))
+    starts = range(0, len(whole.triangles), size)
+    bounds = whole.points.min(axis=0), whole.points.max(axis=0)
+    for count in (None, len(whole.triangles)):
+        pieces = stl.stream(
+            whole.unit, bounds, lambda: (whole.corners[a : a + size] for a in starts), count
+        )
+        assert b"".join(pieces) == b"".join(stl.write(whole))
+
+
+def test_more_points_than_signed_numbers_go_are_counted_without_sign(folder):
+    """The header says uint; the file reads back, for the faces there are."""
+    half = ball()
+    huge = (2**31, len(half.triangles))
+    pieces = list(ply.stream("mm", ("WALL",), huge, [half.points], [(half.triangles, half.labels)]))
+    head = pieces[0].decode()
+    assert "element vertex 2147483648\n" in head
+    assert "property list uchar uint vertex_indices\n" in head
+    honest = head.replace("2147483648", str(len(half.points))).encode()
+    result = read_bytes(folder, honest + b"".join(pieces[1:]), ".ply")
+    assert np.array_equal(result.triangles, half.triangles)
+    assert np.array_equal(result.points, half.points)
+
+
+def test_more_than_a_format_can_count_is_refused():
+    with pytest.raises(FormatError, match="4294967296 points; wanted at most 4294967295 for PLY"):
+        ply.stream("mm", ("WALL",), (2**32, 1), [], [])
+    bounds = np.zeros(3), np.ones(3)
+    with pytest.raises(FormatError, match=r"at most 4294967295 for STL\. Write PLY"):
+        stl.stream("mm", bounds, lambda: iter(()), 2**32)
+
+
+@given(
+    hnp.arrays(np.float64, (40, 3), elements=st.floats(0, 64)),
+    st.sampled_from([0.0, 3.0, 1e4, -1e7]),
+    st.floats(1e-9, 10),
+)
+def test_points_said_to_stay_apart_do(points, shift, gap):
+    lattice = np.unique(np.round(points) * gap, axis=0) + shift
+    bounds = lattice.min(axis=0), lattice.max(axis=0)
+    if stl.stay_apart(bounds, np.full(3, gap * 0.99)):
+        _, moved = stl._shift(*bounds)
+        single = (lattice - moved).astype(np.float32)
+        assert len(np.unique(single, axis=0)) == len(lattice)
