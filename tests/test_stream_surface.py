@@ -8,6 +8,7 @@ import pytest
 from porous import formats
 from porous.errors import Cancelled, DiskError, FormatError, MemoryLimitError, MeshError
 from porous.kernels import surface as kernels
+from porous.scale import Store, StoredGrid
 from porous.stages import _stream_surface as stage
 from porous.stages import extract_surface, stream_surface
 from porous.values import Frame, VoxelGrid
@@ -95,6 +96,25 @@ def test_chunks_are_read_whole_layers_at_a_time_and_in_order(suffix, tmp_path):
     stream_surface(source, tmp_path / f"parts{suffix}")
     layers = [(0, 7), (7, 14), (14, 21), (21, 23)]
     assert source.reads == layers * (3 if suffix == ".ply" else 2)
+    assert (tmp_path / f"parts{suffix}").read_bytes() == wanted
+
+
+@each_format
+def test_a_stored_grid_is_streamed_in_its_chunks(suffix, tmp_path):
+    grid = grey(2)
+    _, wanted = whole(grid, tmp_path / f"whole{suffix}")
+    store = Store.create(
+        tmp_path / "grid.zarr",
+        grid.frame,
+        chunk=(6, 5, 32),
+        recipe_sha256="0" * 64,
+        sampling="fill",
+        has_bulk=False,
+    )
+    for index, tile in enumerate(store.tiles):
+        store.write("fill", index, grid.block(*tile)[0])
+    store.commit()
+    stream_surface(StoredGrid.open(tmp_path / "grid.zarr"), tmp_path / f"parts{suffix}")
     assert (tmp_path / f"parts{suffix}").read_bytes() == wanted
 
 
