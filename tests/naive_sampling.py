@@ -121,3 +121,24 @@ def word_points(maps, size, radius):
         b = (np.einsum("wab,mb->wma", A, shift) + b[:, None]).reshape(-1, 3)
         A = np.einsum("wab,mbc->wmac", A, linear).reshape(-1, 3, 3)
     return np.concatenate(found)
+
+
+def depth_in_grown_ellipsoids(points, centres, matrices, radius):
+    """r − the distance from the nearest ellipsoid {c + A·y : |y| ≤ ½}, at most r inside of them.
+
+    The nearest point has y = (AᵀA + μ)⁻¹Aᵀ(p − c), μ ≥ 0 such that |y| = ½ or zero: bisected.
+    """
+    depth = np.full(points.shape[:-1], -np.inf)
+    for c, A in zip(centres, matrices, strict=True):
+        turn, sigma, _ = np.linalg.svd(A)
+        q = (points - c) @ turn
+        low = np.zeros(q.shape[:-1])
+        high = np.full_like(low, 2 * sigma.max() * np.abs(q).sum(axis=-1).max() + 1)
+        for _ in range(200):
+            mu = (low + high) / 2
+            y = sigma * q / (sigma**2 + mu[..., None])
+            outside = (y**2).sum(axis=-1) > 0.25
+            low, high = np.where(outside, mu, low), np.where(outside, high, mu)
+        away = q * high[..., None] / (sigma**2 + high[..., None])
+        depth = np.maximum(depth, radius - np.linalg.norm(away, axis=-1))
+    return depth
