@@ -89,6 +89,20 @@ def _fetch_to_write(_typing, array, index):
     return numba.void(array, index), generate
 
 
+@numba.extending.intrinsic
+def _highest_bits(_typing, row, first):
+    """Return a word of the highest bits of 32 bytes: two machine instructions."""
+
+    def generate(context, builder, signature, arguments):
+        data = arrayobj.make_array(signature.args[0])(context, builder, arguments[0]).data
+        many = ir.VectorType(ir.IntType(8), 32)
+        place = builder.bitcast(builder.gep(data, [arguments[1]]), many.as_pointer())
+        below_zero = builder.icmp_signed("<", builder.load(place, align=1), many(None))
+        return builder.bitcast(below_zero, ir.IntType(32))
+
+    return uint32(row, first), generate
+
+
 @kernel
 def _pack(fill, bits, above, first, last):
     """Set bit k + 1 of row (i + above, j + 1) where fill[i, j, k] is solid; first ≤ i < last."""
@@ -101,9 +115,7 @@ def _pack(fill, bits, above, first, last):
                 low = 32 * w - 1
                 word = uint32(0)
                 if low >= 0 and low + 32 <= nz:
-                    whole = row[low : low + 32]  # of a length the compiler knows: vectorises
-                    for k in range(32):
-                        word |= uint32(whole[k] >> 7) << uint32(k)
+                    word = _highest_bits(row, low)
                 else:
                     for k in range(max(low, 0), min(low + 32, nz)):
                         word |= uint32(row[k] >> 7) << uint32(k - low)
@@ -268,6 +280,8 @@ def _caps(fill, bits, above, ends, offset, table, counts_of_case, labels, first,
         border = i == ends[0] or i == ends[1] or j == 0 or j == ny
         n = offset[row]
         for w in range(words):
+            if not border and w != 0 and w != nz >> 5:
+                continue
             a0 = uint64(a[w]) | uint64(a[w + 1]) << word
             b0 = uint64(b[w]) | uint64(b[w + 1]) << word
             c0 = uint64(c[w]) | uint64(c[w + 1]) << word
