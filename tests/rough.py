@@ -90,3 +90,31 @@ def tetrahedra_and_octahedra(tetra=(4, 1), octa=(8, 6)):
     used = [q for q in (0, 1) if q == 0 or tetra[1]]
     kept = [Transition(a, b, T) for a, b, T in moves if a in used and b in used]
     return Automaton(tuple(states[q] for q in used), tuple(kept))
+
+
+def koch(model, *, voxels):
+    """Return the recipe of von Koch's curve, its state in full; ``model`` says the other keys."""
+    third, two = repr(1 / 3), repr(2 / 3)
+    return f"""
+format = 1
+[model]
+kind = "bcifs"
+{model}
+[[model.states]]
+name = "curve"
+shape = "edge"
+controls = [[0, 0, 0], [0.5, 0.28867513459481287, 0], [1, 0, 0]]
+boundaries = [
+  {{ name = "A", state = "vertex", controls = [0] }},
+  {{ name = "B", state = "vertex", controls = [2] }},
+]
+children = [
+  {{ name = "a", state = "curve", matrix = [[1, @, @], [0, #, 0], [0, 0, #]] }},
+  {{ name = "b", state = "curve", matrix = [[@, #, 0], [0, @, 1], [#, 0, 0]] }},
+  {{ name = "c", state = "curve", matrix = [[0, 0, #], [1, @, 0], [0, #, @]] }},
+  {{ name = "d", state = "curve", matrix = [[#, 0, 0], [0, #, 0], [@, @, 1]] }},
+]
+constraints = ["a.A = A/0", "d.B = B/0", "a.B = b.A", "b.B = c.A", "c.B = d.A"]
+[voxels]
+voxels = {voxels}
+""".replace("@", two).replace("#", third)

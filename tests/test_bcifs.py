@@ -4,6 +4,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+from rough import koch
 
 import porous as po
 from porous.errors import ModelError, RecipeError
@@ -289,31 +290,8 @@ def test_a_slider_with_dots_in_its_name_can_be_set_by_path():
     assert by_path == by_table
 
 
-KOCH = """
-format = 1
-[model]
-kind = "bcifs"
-level = 3
-start = "curve"
-draw = { along = ["edges", "vertices"], radius = 0.01 }
-[[model.states]]
-name = "curve"
-shape = "edge"
-controls = [[0, 0, 0], [0.5, 0.28867513459481287, 0], [1, 0, 0]]
-boundaries = [
-  { name = "A", state = "vertex", controls = [0] },
-  { name = "B", state = "vertex", controls = [2] },
-]
-children = [
-  { name = "a", state = "curve", matrix = [[1, @, @], [0, #, 0], [0, 0, #]] },
-  { name = "b", state = "curve", matrix = [[@, #, 0], [0, @, 1], [#, 0, 0]] },
-  { name = "c", state = "curve", matrix = [[0, 0, #], [1, @, 0], [0, #, @]] },
-  { name = "d", state = "curve", matrix = [[#, 0, 0], [0, #, 0], [@, @, 1]] },
-]
-constraints = ["a.A = A/0", "d.B = B/0", "a.B = b.A", "b.B = c.A", "c.B = d.A"]
-[voxels]
-voxels = 80
-""".replace("@", repr(2 / 3)).replace("#", repr(1 / 3))
+DRAW = 'draw = { along = ["edges", "vertices"], radius = 0.01 }\n'
+KOCH = koch(f'level = 3\nstart = "curve"\n{DRAW}', voxels=80)
 
 
 def test_a_koch_curve_in_full_is_a_wire(tmp_path):
@@ -331,7 +309,7 @@ def test_a_koch_curve_in_full_is_a_wire(tmp_path):
 
 def test_a_curve_without_a_drawing_is_refused(tmp_path):
     path = tmp_path / "koch.toml"
-    path.write_text(KOCH.replace('draw = { along = ["edges", "vertices"], radius = 0.01 }\n', ""))
+    path.write_text(KOCH.replace(DRAW, ""))
     with pytest.raises(ModelError, match="state curve are of shape edge, no volumes"):
         po.build(po.load(path))
 

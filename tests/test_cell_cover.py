@@ -6,22 +6,33 @@ import naive_limits as naive
 import naive_sampling
 import numpy as np
 import pytest
-from rough import BEZIER, bent, curve, rough, sponge, straight, takagi, tetrahedra_and_octahedra
+from rough import (
+    BEZIER,
+    bent,
+    curve,
+    koch,
+    rough,
+    sponge,
+    straight,
+    takagi,
+    tetrahedra_and_octahedra,
+)
 from scipy.spatial import cKDTree
 
 from porous.errors import ModelError
-from porous.models import cell_cover
+from porous.models import cell_cover, net
 from porous.models.automaton import Automaton, State, Transition, of_maps
 from porous.models.bcifs import bcifs
 from porous.models.builders import Options, Texture, build_cell
 from porous.models.cell_attractor import CellAttractor
-from porous.models.cell_cover import cells_error, cover_cells, sample_cells
+from porous.models.cell_cover import cover_cells, sample_cells
 from porous.models.cifs import cifs
 from porous.models.cover import cover_attractor
 from porous.models.digits import named
 from porous.models.drawing import cell, image, nothing, sticks
 from porous.models.enclosure import enclosing_balls
 from porous.models.mixtures import weights_of
+from porous.models.net import net_error
 from porous.models.pieces import Pieces
 from porous.models.primitive import named as solid_named
 from porous.models.swept_body import Sweep
@@ -156,8 +167,8 @@ def test_grown_limits_lie_where_they_should(name, steps):
     masks = sample_cells(automaton, frame, FILL, offset=radius)
     distance = cKDTree(points).query(naive_sampling.samples(frame, FILL))[0]
     found = naive_sampling.bits(masks, FILL.points)
-    error = cells_error(frame, radius)
-    assert error <= 1.37 * max(min(frame.spacing) / cell_cover.CELLS, radius / 48) * (1 + 1e-9)
+    error = net_error(frame, radius)
+    assert error <= 1.37 * max(min(frame.spacing) / net.CELLS, radius / 48) * (1 + 1e-9)
     assert found[distance <= radius - error].all()
     assert not found[distance > radius + error + size].any()
     assert found.any()
@@ -321,30 +332,7 @@ def test_ever_deeper_bodies_come_as_near_the_limit_as_they_should():
         assert cKDTree(two).query(one)[0].max() <= most
 
 
-KOCH = """
-format = 1
-[model]
-kind = "bcifs"
-level = "limit"
-offset = 0.02
-[[model.states]]
-name = "curve"
-shape = "edge"
-controls = [[0, 0, 0], [0.5, 0.28867513459481287, 0], [1, 0, 0]]
-boundaries = [
-  { name = "A", state = "vertex", controls = [0] },
-  { name = "B", state = "vertex", controls = [2] },
-]
-children = [
-  { name = "a", state = "curve", matrix = [[1, @, @], [0, #, 0], [0, 0, #]] },
-  { name = "b", state = "curve", matrix = [[@, #, 0], [0, @, 1], [#, 0, 0]] },
-  { name = "c", state = "curve", matrix = [[0, 0, #], [1, @, 0], [0, #, @]] },
-  { name = "d", state = "curve", matrix = [[#, 0, 0], [0, #, 0], [@, @, 1]] },
-]
-constraints = ["a.A = A/0", "d.B = B/0", "a.B = b.A", "b.B = c.A", "c.B = d.A"]
-[voxels]
-voxels = 40
-""".replace("@", repr(2 / 3)).replace("#", repr(1 / 3))
+KOCH = koch('level = "limit"\noffset = 0.02', voxels=40)
 
 
 def test_a_curve_has_a_limit_where_it_has_a_thickness(tmp_path):

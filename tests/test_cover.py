@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from porous.errors import ModelError
 from porous.models import cover as covers
+from porous.models import net
 from porous.models.automaton import Automaton, State, Transition, of_maps
 from porous.models.enclosure import enclosing_balls
 from porous.models.pieces import Pieces
@@ -210,7 +211,7 @@ def test_grown_attractors_lie_where_they_should(name, steps):
     tree = cKDTree(naive.word_points(maps, size, 2 * balls[0, 3]))
     distance = tree.query(naive.samples(frame, FILL))[0]
     found = naive.bits(masks, FILL.points)
-    cell = max(h / covers.CELLS, radius / covers.CELLS_OF_OFFSET)
+    cell = max(h / net.CELLS, radius / net.CELLS_OF_OFFSET)
     error = 1.37 * cell
     assert found[distance <= radius - error].all()
     assert not found[distance > radius + error + size].any()

@@ -1,4 +1,4 @@
-"""What kernel files share: the house decorator, its cache, one array type, threads, strokes.
+"""What kernel files share: the house decorator, its cache, one array type, threads and strokes.
 
 numba's cache does not notice an edit to a function called from another file, so kernels call only
 their own file and this one, and the cache lies in a folder named after the text of all of them.
@@ -128,3 +128,34 @@ def columns(box, start, shape):
     if box[5] < start[2] or box[2] > start[2] + shape[2]:
         x1 = x0 - 1
     return x0, y0, x1, y1
+
+
+@kernel
+def full(column, start, low, high, everything):
+    # Whether the voxels between two places on a line are full: then no span can add to them.
+    first = np.int64(np.floor(min(max(low - start, 0.0), column.shape[0] + 0.0)))
+    last = np.int64(np.floor(min(max(high - start, -1.0), column.shape[0] - 1.0)))
+    for k in range(first, last + 1):
+        if column[k] != everything:
+            return False
+    return True
+
+
+@kernel
+def half_diagonal(box, spacing):
+    # Half the diagonal of a box, in units of length.
+    total = 0.0
+    for a in range(3):
+        total += (0.5 * max(box[a + 3] - box[a], 0.0) * spacing[a]) ** 2
+    return np.sqrt(total)
+
+
+@kernel
+def all_marked(marks, span):
+    # Whether all voxels of a span, first and last per axis, are marked.
+    for i in range(span[0], span[3] + 1):
+        for j in range(span[1], span[4] + 1):
+            for k in range(span[2], span[5] + 1):
+                if marks[i, j, k] == 0:
+                    return False
+    return True

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from porous.kernels._shared import kernel, source
+from porous.kernels._shared import all_marked, half_diagonal, kernel, source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -81,15 +81,6 @@ def _refine(parent, map_, node):
 
 
 @kernel
-def _size(box, spacing):
-    # Half the diagonal of a box, in units of length.
-    total = 0.0
-    for a in range(3):
-        total += (0.5 * max(box[a + 3] - box[a], 0.0) * spacing[a]) ** 2
-    return np.sqrt(total)
-
-
-@kernel
 def _touched(box, more, spacing, start, shape, span):
     # The voxels of the window whose closed boxes meet a box that is grown; their number.
     count = 1
@@ -100,16 +91,6 @@ def _touched(box, more, spacing, start, shape, span):
         span[a + 3] = min(np.int64(np.floor(high)) - start[a], shape[a] - 1)
         count *= max(span[a + 3] - span[a] + 1, 0)
     return count
-
-
-@kernel
-def _all_marked(marks, span):
-    for i in range(span[0], span[3] + 1):
-        for j in range(span[1], span[4] + 1):
-            for k in range(span[2], span[5] + 1):
-                if marks[i, j, k] == 0:
-                    return False
-    return True
 
 
 @kernel
@@ -168,9 +149,9 @@ def _descend(
         steps += 1
         more = reach[state] if whole else 0.0
         count = _touched(boxes[top], more, spacing, start, marks.shape, span)
-        if count == 0 or (count <= ASKED and _all_marked(marks, span)):
+        if count == 0 or (count <= ASKED and all_marked(marks, span)):
             continue
-        if _size(boxes[top], spacing) <= stop:
+        if half_diagonal(boxes[top], spacing) <= stop:
             if whole:
                 _touched(boxes[top], 0.0, spacing, start, marks.shape, span)
                 marks[span[0] : span[3] + 1, span[1] : span[4] + 1, span[2] : span[5] + 1] = 1

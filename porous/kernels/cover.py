@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from porous.kernels._shared import kernel, source
+from porous.kernels._shared import all_marked, half_diagonal, kernel, source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,15 +58,6 @@ def _enclose(map_, ball, block, box):
 
 
 @kernel
-def _size(box, spacing):
-    # Half the diagonal of a box, in units of length.
-    total = 0.0
-    for a in range(3):
-        total += (0.5 * max(box[a + 3] - box[a], 0.0) * spacing[a]) ** 2
-    return np.sqrt(total)
-
-
-@kernel
 def _touched(box, start, shape, span):
     # The voxels of the window whose closed boxes meet a box; their number.
     count = 1
@@ -77,16 +68,6 @@ def _touched(box, start, shape, span):
         span[a + 3] = min(np.int64(np.floor(high)) - start[a], shape[a] - 1)
         count *= max(span[a + 3] - span[a] + 1, 0)
     return count
-
-
-@kernel
-def _all_marked(marks, span):
-    for i in range(span[0], span[3] + 1):
-        for j in range(span[1], span[4] + 1):
-            for k in range(span[2], span[5] + 1):
-                if marks[i, j, k] == 0:
-                    return False
-    return True
 
 
 @kernel
@@ -138,7 +119,7 @@ def _descend(
         top -= 1
         state = states[top]
         # Its voxels may have been marked since by others.
-        if _touched(boxes[top], start, marks.shape, span) <= ASKED and _all_marked(marks, span):
+        if _touched(boxes[top], start, marks.shape, span) <= ASKED and all_marked(marks, span):
             continue
         m = nodes[top]
         m00, m01, m02, m03 = m[0, 0], m[0, 1], m[0, 2], m[0, 3]
@@ -161,9 +142,9 @@ def _descend(
             target = targets[child]
             _enclose(node, balls[target], blocks[target], box)
             count = _touched(box, start, marks.shape, span)
-            if count == 0 or (count <= ASKED and _all_marked(marks, span)):
+            if count == 0 or (count <= ASKED and all_marked(marks, span)):
                 continue
-            if first[target] < first[target + 1] and _size(box, spacing) > stop:
+            if first[target] < first[target + 1] and half_diagonal(box, spacing) > stop:
                 states[top] = target
                 top += 1
             elif whole:

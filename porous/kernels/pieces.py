@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from porous.kernels._shared import columns, kernel, source, stroke
+from porous.kernels._shared import columns, full, kernel, source, stroke
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,17 +64,6 @@ def _paint(column, start, lows, highs, depths):
 
 
 @kernel
-def _full(column, start, low, high, everything):
-    # Whether the voxels between two places on a line are full: then no span can add to them.
-    first = np.int64(np.floor(min(max(low - start, 0.0), column.shape[0] + 0.0)))
-    last = np.int64(np.floor(min(max(high - start, -1.0), column.shape[0] - 1.0)))
-    for k in range(first, last + 1):
-        if column[k] != everything:
-            return False
-    return True
-
-
-@kernel
 def _polytopes(masks, start, rows, depths, planes, boxes, first, last, lows, highs):
     everything = ~np.uint64(0) >> np.uint64(64 - depths.size)
     for p in range(first, last):
@@ -82,7 +71,7 @@ def _polytopes(masks, start, rows, depths, planes, boxes, first, last, lows, hig
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
                 column = masks[i - start[0], j - start[1]]
-                if _full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
+                if full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
                     continue
                 for r in range(rows.shape[0]):
                     x, y = i + rows[r, 0], j + rows[r, 1]
@@ -125,7 +114,7 @@ def _quadrics(masks, start, rows, depths, forms, boxes, first, last, lows, highs
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
                 column = masks[i - start[0], j - start[1]]
-                if _full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
+                if full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
                     continue
                 some = False
                 for r in range(rows.shape[0]):
@@ -214,7 +203,7 @@ def _rounded_ellipsoids(
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
                 column = masks[i - start[0], j - start[1]]
-                if _full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
+                if full(column, start[2], boxes[p, 2], boxes[p, 5], everything):
                     continue
                 some = False
                 for r in range(rows.shape[0]):

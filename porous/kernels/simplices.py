@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from porous.kernels._shared import columns, kernel, source, stroke
+from porous.kernels._shared import columns, full, kernel, source, stroke
 from porous.kernels.pieces import CLOSED
 
 if TYPE_CHECKING:
@@ -49,17 +49,6 @@ class Crowd(NamedTuple):
     radii: Floats
     blocks: NDArray[np.int64]
     size: int
-
-
-@kernel
-def _full(column, start, low, high, everything):
-    # Whether the voxels between two places on a line are full: then no span can add to them.
-    first = np.int64(np.floor(min(max(low - start, 0.0), column.shape[0] + 0.0)))
-    last = np.int64(np.floor(min(max(high - start, -1.0), column.shape[0] - 1.0)))
-    for k in range(first, last + 1):
-        if column[k] != everything:
-            return False
-    return True
 
 
 @kernel
@@ -266,7 +255,7 @@ def _tetrahedra(
         for i in range(x0, x1 + 1):
             for j in range(y0, y1 + 1):
                 column = masks[i - start[0], j - start[1]]
-                if _full(column, start[2], box[2], box[5], everything):
+                if full(column, start[2], box[2], box[5], everything):
                     continue
                 lows[:], highs[:] = box[2], box[5]
                 _cut(forms, shifts, counts, i - ox, j - oy, oz, lows, highs)
@@ -436,7 +425,7 @@ def _swept(
                 if _fenced_out(fence, x, y):
                     continue
                 column = masks[i - start[0], j - start[1]]
-                if _full(column, start[2], box[2], box[5], everything):
+                if full(column, start[2], box[2], box[5], everything):
                     continue
                 for r in range(rows.shape[0]):
                     x = (i + rows[r, 0] - ox) * spacing[0]

@@ -31,6 +31,10 @@ FLATNESS = 1e-12
 """Four controls that are thinner than this part of their size span no space."""
 
 
+COINCIDENT = 1e-9
+"""Control points closer than this part of their extent are one."""
+
+
 @dataclass(frozen=True, eq=False)
 class State(Value):
     """A kind of cell: its name and its reference control points, float64 (3, m)."""
@@ -237,6 +241,19 @@ def numbers(array: Any, what: str) -> NDArray[np.float64]:
     if not np.isfinite(result).all():
         raise ModelError(f"{what}: got {result.tolist()!r:.200}; wanted finite numbers")
     return result
+
+
+def check_apart(controls: NDArray[np.float64], what: str) -> None:
+    """Raise ``ModelError`` naming ``what`` where two of the controls (3, m) are one point."""
+    size = float(np.ptp(controls, axis=1).max())
+    gaps = np.abs(controls[:, :, None] - controls[:, None]).max(axis=0)
+    pairs = np.argwhere(np.triu(gaps <= COINCIDENT * size, 1))
+    if len(pairs):
+        i, j = pairs[0]
+        raise ModelError(
+            f"{what}: {i} and {j} coincide at {tuple(controls[:, i].tolist())}; "
+            "wanted points apart from each other"
+        )
 
 
 def product(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:

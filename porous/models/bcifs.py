@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from porous.errors import ModelError, nearest
-from porous.models.automaton import DEEPEST, numbers
+from porous.models.automaton import COINCIDENT, DEEPEST, check_apart, numbers
 from porous.models.builders import Options, Texture, build_cell, cell_names
 from porous.models.cell_attractor import BULK_LEVEL, CellAttractor
 from porous.models.cell_body import CellBody, thinnest
 from porous.models.cell_system import CellSystem, natural_box
-from porous.models.contraction import check_contracts, contractivity
+from porous.models.contraction import check_contracts
 from porous.models.digits import DigitSet, named
 from porous.models.sections import BoxSection, DigitsSection, Section, Triple
 from porous.models.solve import solve
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from porous.models.automaton import Automaton
-    from porous.models.brep import BRep, CellState, Child
+    from porous.models.brep import BRep, CellState
     from porous.values import Box
 
     Floats = NDArray[np.float64]
@@ -37,9 +36,6 @@ KIND = "bcifs"
 
 BOX_TOLERANCE = 1e-3
 """How far too wide the certified box may be, as a part of the controls' longest extent."""
-
-COINCIDENT = 1e-9
-"""Control points closer than this part of their extent are one."""
 
 SMALLEST = 1e-30
 """Extents of controls below this, or above its inverse, are refused: their cubes are no numbers."""
@@ -255,17 +251,9 @@ def bcifs(
     solution = solve(brep, moves)
     start = brep.states[brep.start]
     given = _controls(start, controls)
-    if not start.children:
-        raise ModelError(
-            f"state {start.name}: has no children; wanted a level-0 cell that is refined"
-        )
     limit = level == "limit"
-    if start.dimension < 3 and draw is None and not limit:
-        raise ModelError(
-            f"draw: cells of state {start.name} are of shape {start.shape}, no volumes; wanted "
-            '{ along = ["edges"], radius = … }, or level = "limit"'
-        )
-    _check_contracts(brep, solution.automaton(given))
+    _check_start(start, drawn=draw is not None or limit)
+    check_contracts(solution.automaton(given), _letters(brep))
     natural = None if domain and not limit else natural_box(solution, given, BOX_TOLERANCE)
     box = domain or natural
     assert box is not None
@@ -425,18 +413,24 @@ def _check_first_cell(system: CellSystem) -> None:
         ) from None
 
 
-def _check_contracts(brep: BRep, automaton: Automaton) -> None:
-    """Raise ``ModelError`` naming the word that stretches, child by child."""
-    try:
-        check_contracts(automaton)
-    except ModelError as error:
-        letters = [f"{brep.states[q].name}.{c.name}" for q in brep.reached for c in _kids(brep, q)]
-        word = ", ".join(letters[letter] for letter in contractivity(automaton).word)
-        raise ModelError(f"{error} (the word is {word})" if word else str(error)) from None
+def _check_start(start: CellState, *, drawn: bool) -> None:
+    """Raise ``ModelError`` where the level-0 cell is never refined, or nothing to be seen."""
+    if not start.children:
+        raise ModelError(
+            f"state {start.name}: has no children; wanted a level-0 cell that is refined"
+        )
+    if start.dimension < 3 and not drawn:
+        raise ModelError(
+            f"draw: cells of state {start.name} are of shape {start.shape}, no volumes; wanted "
+            '{ along = ["edges"], radius = … }, or level = "limit"'
+        )
 
 
-def _kids(brep: BRep, state: int) -> tuple[Child, ...]:
-    return brep.states[state].children
+def _letters(brep: BRep) -> list[str]:
+    """Return what each transition of the cells is called: its state and its child."""
+    return [
+        f"{brep.states[q].name}.{c.name}" for q in brep.reached for c in brep.states[q].children
+    ]
 
 
 def _controls(state: CellState, given: ArrayLike | None) -> Floats:
@@ -455,14 +449,7 @@ def _controls(state: CellState, given: ArrayLike | None) -> Floats:
             f"controls: extend over {size:g} and up to {np.abs(controls).max():g} from the "
             f"origin; wanted an extent between {SMALLEST:g} and {1 / SMALLEST:g}, not far off"
         )
-    gaps = np.abs(controls[:, :, None] - controls[:, None]).max(axis=0)
-    pairs = np.argwhere(np.triu(gaps <= COINCIDENT * size, 1))
-    if len(pairs):
-        i, j = pairs[0]
-        raise ModelError(
-            f"controls: {i} and {j} coincide at {tuple(controls[:, i].tolist())}; "
-            "wanted points apart from each other"
-        )
+    check_apart(controls, "controls")
     return controls
 
 

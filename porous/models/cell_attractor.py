@@ -8,9 +8,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 from porous.errors import ModelError
-from porous.models.cell_cover import cells_error, check_limit, cover_cells, sample_cells
+from porous.models.cell_cover import check_limit, cover_cells, sample_cells
 from porous.models.cell_folds import corner_weights
 from porous.models.drawing import Drawing, nothing
+from porous.models.net import net_error
 from porous.values.units import check_unit
 from porous.values.value import Value
 
@@ -125,7 +126,7 @@ class CellAttractor(Value):
 
     def sampling_error(self, frame: Frame) -> float:
         """Return how far the boundary that is sampled may lie from the body's, in ``unit``."""
-        return cells_error(frame, self.offset)
+        return net_error(frame, self.offset)
 
     @property
     def feature_size(self) -> None:

@@ -19,9 +19,11 @@ from porous.memory import check_memory
 from porous.models.adapted import EPSILON
 from porous.models.automaton import Automaton, Cells, State, Transition, product
 from porous.models.control_box import narrowed
+from porous.models.cover import COARSE, FINE, MOST_STEPS, ROUNDING, STEPS_PER_VOXEL
 from porous.models.drawing import Drawing, body, nothing
-from porous.models.simplices import Simplices
+from porous.models.net import Net, Window
 from porous.models.weight_intervals import endless, intervals, weights_of
+from porous.values import CENTRE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,39 +37,14 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
 
-FINE = 16
-"""Boxes at the end of a descent have half diagonals of a voxel's shortest edge over this."""
-
-ENDS = 4
-"""… and of a net's with the shortest edge of a cell over this."""
-
-COARSE = (4, 2, 1)
-"""Half diagonals, in voxels, of the descents that only mark voxels of the limit's points."""
-
-CELLS = 4
-"""Cells per shortest edge of a voxel of the net that balls are drawn about …"""
-
-CELLS_OF_OFFSET = 48
-"""… but cells need not be smaller than the offset over this."""
-
-MOST_STEPS = 20_000_000
-STEPS_PER_VOXEL = 300
-"""Cells that a descent may look at: at least, and per voxel of its window."""
-
 NARROWER = 0.98
 """Intervals are narrowed as long as the sum of their lengths falls below this part of it, …"""
 
 ROUNDS = 8
 """… and no more often than this."""
 
-SMALL = 1 << 27
-"""Bytes of a net that are not worth asking the memory about."""
-
 SIMPLEX_BYTES = 200
 """Memory of a simplex that is drawn, about."""
-
-ROUNDING = 1 + 1e-5
-"""Covers the kernels' slack."""
 
 EDGE = 1e-3
 """What marks the voxels of bodies exactly may err by this part of a voxel."""
@@ -115,11 +92,11 @@ def cover_cells(
     check_limit(automaton, _drawn(automaton, drawings), offset)
     limit = _limit(automaton, drawings)
     if offset > 0:
-        net = _Net.about(limit, frame, offset + frame.diagonal)
-        marks, _ = net.grown(offset + net.error).cover(frame)
-        return marks, (frame.diagonal + 2 * net.error) * ROUNDING
+        net = _net(limit, frame, offset + frame.diagonal)
+        masks = net.grown(frame, CENTRE, offset + net.error + frame.diagonal / 2)
+        return masks, (frame.diagonal + 2 * net.error) * ROUNDING
     h = min(frame.spacing)
-    window = _Window(np.array(frame.start), np.array(frame.shape), np.array(frame.spacing))
+    window = _Window.of(frame)
     root = limit.root(np.array(frame.origin), window.spacing)
     descent = window.descent(limit, root)
     marks = window.marked(descent, h / FINE, whole=True).astype(np.uint64)
@@ -158,13 +135,7 @@ def sample_cells(
             'own; or sampling = "cover"'
         )
     check_limit(automaton, _drawn(automaton, drawings), offset)
-    net = _Net.about(_limit(automaton, drawings), frame, offset)
-    return net.grown(offset).sample(frame, pattern)
-
-
-def cells_error(frame: Frame, offset: float) -> float:
-    """Return how far what ``sample_cells`` draws may be from the true body, in its unit."""
-    return _net_error(_cells(frame, offset)[1])
+    return _net(_limit(automaton, drawings), frame, offset).grown(frame, pattern, offset)
 
 
 def check_limit(automaton: Automaton, drawings: tuple[Drawing, ...], offset: float) -> None:
@@ -220,6 +191,15 @@ class _Limit:
     weighed: Weighed
     start: int
     ends: tuple[tuple[_End, ...], ...]
+
+    @property
+    def box(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of a box that holds the limit."""
+        q, rows = self.root(np.zeros(3), np.ones(3))
+        n = rows.shape[1] - 2
+        middle = rows[:, :n] @ self.weighed.middles[q] + rows[:, n]
+        half = np.abs(rows[:, :n]) @ self.weighed.halves[q] + rows[:, n + 1]
+        return middle - half, middle + half
 
     def root(self, origin: Floats, cell: Floats) -> tuple[int, Floats]:
         """Return the start state, and its rows, offset and errors in cells of a lattice."""
@@ -324,23 +304,17 @@ def _weighed(weights: Weights, held: Intervals, ended: tuple[bool, ...]) -> Weig
 
 
 @dataclass(frozen=True)
-class _Window:
-    """A part of a lattice: first cell, numbers of cells, edge lengths of a cell."""
-
-    start: Indices
-    shape: Indices
-    spacing: Floats
+class _Window(Window):
+    """A window that the cells of a limit are descended in."""
 
     def descent(self, limit: _Limit, root: tuple[int, Floats]) -> Descent:
         """Return a descent that marks this window's cells."""
         from porous.kernels.cell_cover import Descent
 
-        voxels = math.prod(map(int, self.shape))
-        if voxels > SMALL:
-            check_memory(voxels, f"a net of {voxels} cells", "Choose fewer voxels.")
         reach = np.array([_margin(limit, own, self.spacing) for own in limit.ends])
-        marks = np.zeros(self.shape, np.uint8)
-        return Descent(marks, self.start, self.spacing, limit.weighed._replace(reach=reach), root)
+        return Descent(
+            self.empty(), self.start, self.spacing, limit.weighed._replace(reach=reach), root
+        )
 
     def marked(self, descent: Descent, size: float, *, whole: bool) -> NDArray[np.uint8]:
         """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
@@ -388,66 +362,12 @@ def _ended(
                 yield drawn.cover(frame)
 
 
-# --- nets ----------------------------------------------------------------------------------
+def _net(limit: _Limit, frame: Frame, reach: float) -> Net:
+    """Return the net of the part of a limit within ``reach`` of a frame."""
 
+    def mark(window: Window, size: float) -> NDArray[np.uint8]:
+        own = _Window(window.start, window.shape, window.spacing)
+        root = limit.root(np.array(frame.origin), window.spacing)
+        return own.marked(own.descent(limit, root), size, whole=False)
 
-def _cells(frame: Frame, reach: float) -> tuple[Indices, Floats]:
-    """Return into how many cells of a net a voxel is split, and their edge lengths."""
-    h = np.array(frame.spacing)
-    finest = max(float(h.min()) / CELLS, reach / CELLS_OF_OFFSET)
-    split = np.maximum(np.ceil(h / finest * (1 - 1e-9)), 1).astype(np.int64)
-    return split, h / split
-
-
-def _net_error(cell: Floats) -> float:
-    # A point of the limit is in a box with the point that marked a cell. Between the centres of
-    # two cells nothing is further from both points than one's far corners.
-    ends = 2 * float(cell.min()) / ENDS
-    far = math.hypot(cell[0] / 2, cell[1] / 2, cell[2])
-    return float(max(math.hypot(*(cell / 2)) + ends, far))
-
-
-@dataclass(frozen=True)
-class _Net:
-    """Cells that a limit touches; ``error`` is their Hausdorff distance from it, at most."""
-
-    window: _Window
-    origin: Floats
-    marks: NDArray[np.uint8]
-    error: float
-
-    @classmethod
-    def about(cls, limit: _Limit, frame: Frame, reach: float) -> _Net:
-        """Return the net of the part of a limit within ``reach`` of a frame."""
-        _, cell = _cells(frame, reach)
-        origin = np.array(frame.origin)
-        lower, upper = _reached(limit, frame, reach)
-        start = np.floor((lower - origin) / cell).astype(np.int64) - 1
-        stop = np.ceil((upper - origin) / cell).astype(np.int64) + 1
-        window = _Window(start, np.maximum(stop - start, 1), cell)
-        descent = window.descent(limit, limit.root(origin, cell))
-        marks = window.marked(descent, float(cell.min()) / ENDS, whole=False)
-        return cls(window, origin, marks, _net_error(cell))
-
-    def grown(self, radius: float) -> Simplices:
-        """Return the net's runs of cells along z, grown by a ball."""
-        ends = self.runs()
-        return Simplices(capsules=ends, capsule_radii=np.full(len(ends), radius))
-
-    def runs(self) -> Floats:
-        """Return the ends (k, 2, 3) of runs of marked cells along z."""
-        change = np.diff(self.marks.astype(np.int8), axis=2, prepend=0, append=0)
-        first, last = np.argwhere(change > 0), np.argwhere(change < 0) - [0, 0, 1]
-        index = np.stack([first, last], axis=1)
-        return np.asarray(self.origin + (self.window.start + index + 0.5) * self.window.spacing)
-
-
-def _reached(limit: _Limit, frame: Frame, reach: float) -> tuple[Floats, Floats]:
-    """Return the box in which points of the limit can be within ``reach`` of a frame."""
-    q, rows = limit.root(np.zeros(3), np.ones(3))
-    n = rows.shape[1] - 2
-    middle = rows[:, :n] @ limit.weighed.middles[q] + rows[:, n]
-    half = np.abs(rows[:, :n]) @ limit.weighed.halves[q] + rows[:, n + 1]
-    lower = np.maximum(np.array(frame.box.lower) - reach, middle - half)
-    upper = np.minimum(np.array(frame.box.upper) + reach, middle + half)
-    return lower, np.maximum(lower, upper)
+    return Net.about(frame, reach, limit.box, mark)

@@ -31,7 +31,7 @@ from porous.models.automaton import (
     refined,
 )
 from porous.models.cifs_section import CIFSSection, index_of, system
-from porous.models.contraction import check_contracts, contractivity
+from porous.models.contraction import check_contracts
 from porous.models.drawing import Body, Drawing, body, drawn_as
 from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import MOST_CELLS
@@ -208,10 +208,9 @@ class CIFS(Value):
         """Return how far the boundary that is sampled may lie from the body's, in ``unit``."""
         if self.level != "limit":
             return 0.0
-        from porous.models.cell_cover import cells_error
-        from porous.models.cover import net_error
+        from porous.models.net import net_error
 
-        return (net_error if self._moves_space else cells_error)(frame, self.offset)
+        return net_error(frame, self.offset)
 
     @cached_property
     def plain(self) -> IFS | None:
@@ -383,16 +382,16 @@ def cifs(
     drawn = _drawings(automaton, drawings)
     automaton = automaton if controls is None else _moved(automaton, controls)
     _check_level(automaton, drawn, level, float(offset))
-    _check_contracts(automaton)
+    check_contracts(automaton, _letters(automaton))
     sampled = domain or natural_box(automaton, drawn)
     scale = 1.0 if size is None else float(size) / max(sampled.lengths)
-    box = _scaled(sampled, scale).grown(0.0 if domain else _reach(drawn) + offset)
+    box = sampled.scaled(scale).grown(0.0 if domain else _reach(drawn) + offset)
     if not box.volume:
         raise ModelError(
             f"domain: got a box of edges {box.lengths}, for all controls lie in a plane and what "
             "is drawn has no thickness; wanted radii, an offset, or a domain"
         )
-    about = _scaled(bulk or sampled, scale)
+    about = (bulk or sampled).scaled(scale)
     return CIFS(
         automaton.scaled(scale),
         drawn,
@@ -538,19 +537,13 @@ def _check_regular(automaton: Automaton, q: int, state: State, drawing: Drawing)
                 )
 
 
-def _check_contracts(automaton: Automaton) -> None:
-    """Raise ``ModelError`` naming the word that stretches, letter by letter as a recipe has it."""
-    try:
-        check_contracts(automaton)
-    except ModelError as error:
-        word = contractivity(automaton).word
-        keys = []
-        for t in (automaton.transitions[letter] for letter in word):
-            letter = next(i for i, c in enumerate(automaton.children[t.source]) if c is t)
-            keys.append(f"states.{automaton.states[t.source].name}.children.{letter}")
-        raise ModelError(
-            f"{error} (the word is {', '.join(keys)})" if keys else str(error)
-        ) from None
+def _letters(automaton: Automaton) -> list[str]:
+    """Return what a recipe calls each transition."""
+    place = {id(t): i for children in automaton.children for i, t in enumerate(children)}
+    return [
+        f"states.{automaton.states[t.source].name}.children.{place[id(t)]}"
+        for t in automaton.transitions
+    ]
 
 
 def _states_at(automaton: Automaton, level: int) -> set[int]:
@@ -568,8 +561,3 @@ def _ended(automaton: Automaton, level: int) -> bool:
 def _reach(drawings: Sequence[Drawing]) -> float:
     """Return how far the body may reach beyond the box without radii."""
     return max(drawing.reach for drawing in drawings)
-
-
-def _scaled(box: Box, factor: float) -> Box:
-    lower, upper = (tuple(v * factor for v in corner) for corner in (box.lower, box.upper))
-    return Box(lower, upper)  # type: ignore[arg-type]

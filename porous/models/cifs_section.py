@@ -8,7 +8,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from porous.errors import ModelError, nearest
-from porous.models.automaton import DEEPEST, SUM_TOLERANCE, Automaton, State, Transition
+from porous.models.automaton import (
+    DEEPEST,
+    SUM_TOLERANCE,
+    Automaton,
+    State,
+    Transition,
+    check_apart,
+)
 from porous.models.drawing import Draw, Drawing, drawn_as
 from porous.models.mixtures import weights_of
 from porous.models.sections import BoxSection, MapSection, Section, Triple
@@ -17,10 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
-
-
-COINCIDENT = 1e-9
-"""Control points closer than this part of their extent are one."""
 
 
 class ChildSection(Section):
@@ -129,7 +132,7 @@ def system(section: CIFSSection) -> tuple[Automaton, tuple[Drawing, ...]]:
         State(name, np.array(part.controls, np.float64).T) for name, part in section.states.items()
     )
     for state in states:
-        _check_apart(state)
+        check_apart(state.controls, f"states.{state.name}.controls")
     transitions = [
         Transition(source, index_of(names, child.state, f"{where}.state"), matrix)
         for source, name in enumerate(names)
@@ -147,19 +150,6 @@ def system(section: CIFSSection) -> tuple[Automaton, tuple[Drawing, ...]]:
     if not transitions:
         raise ModelError("states: got no children at all; wanted a state that is refined")
     return Automaton(states, tuple(transitions), start), tuple(drawings)
-
-
-def _check_apart(state: State) -> None:
-    """Raise ``ModelError`` where two of a state's controls are one point."""
-    size = float(np.ptp(state.controls, axis=1).max())
-    gaps = np.abs(state.controls[:, :, None] - state.controls[:, None]).max(axis=0)
-    pairs = np.argwhere(np.triu(gaps <= COINCIDENT * size, 1))
-    if len(pairs):
-        i, j = pairs[0]
-        raise ModelError(
-            f"states.{state.name}.controls: {i} and {j} coincide at "
-            f"{tuple(state.controls[:, i].tolist())}; wanted points apart from each other"
-        )
 
 
 def index_of(names: list[str], name: str, where: str) -> int:

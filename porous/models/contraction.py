@@ -20,6 +20,8 @@ from porous.models.shrinking import shrinks
 from porous.values.value import Value
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from porous.models.adapted import Turned
@@ -99,15 +101,20 @@ def contractivity(automaton: Automaton) -> Contractivity:
     return Contractivity(answer, lowest.lower, max(upper, lowest.lower), lowest.word, bounds)
 
 
-def check_contracts(automaton: Automaton) -> Contractivity:
-    """Return the certificate, or raise ``ModelError`` naming the word that stretches."""
+def check_contracts(automaton: Automaton, letters: Sequence[str] | None = None) -> Contractivity:
+    """Return the certificate, or raise ``ModelError`` naming the word that stretches.
+
+    ``letters`` are the names that users know the transitions by, in their order.
+    """
     result = contractivity(automaton)
+    named = ", ".join(letters[letter] for letter in result.word) if letters else ""
+    word = f" (the word is {named})" if named else ""
     if result.answer == "no":
-        raise ModelError(f"the model has no attractor: {result.reason}")
+        raise ModelError(f"the model has no attractor: {result.reason}{word}")
     if result.answer == "unknown":
         raise ModelError(
             f"whether the maps contract together could not be decided: {result.reason}; "
-            "scale the maps so that their products shrink clearly"
+            f"scale the maps so that their products shrink clearly{word}"
         )
     return result
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,15 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import ModelError
-from porous.memory import check_memory
 from porous.models.clouds import clouds, stamp_points
+from porous.models.net import Net, Window, split_cells
 from porous.models.overlap import overlaps, reference
-from porous.models.pieces import Lattice, paint_balls, paint_cylinders
 from porous.values import CENTRE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from porous.kernels.cover import System
@@ -34,17 +30,8 @@ if TYPE_CHECKING:
 FINE = 16
 """Boxes at the end of a descent have half diagonals of a voxel's shortest edge over this."""
 
-ENDS = 4
-"""… and of a net's with the shortest edge of a cell over this."""
-
 COARSE = (4, 2, 1)
 """Half diagonals, in cells, of the descents of a net before the last."""
-
-CELLS = 4
-"""Cells per shortest edge of a voxel of the net that balls are drawn about …"""
-
-CELLS_OF_OFFSET = 48
-"""… but cells need not be smaller than the offset over this."""
 
 MOST_STEPS = 20_000_000
 STEPS_PER_VOXEL = 300
@@ -56,9 +43,6 @@ ROUNDS = 8
 
 TIGHT = 1 + 1e-9
 """Enclosures are larger by this against rounding."""
-
-SMALL = 1 << 27
-"""Bytes of a net that are not worth asking the memory about."""
 
 ROUNDING = 1 + 1e-5
 """Covers the kernels' slack."""
@@ -109,12 +93,12 @@ def cover_attractor(
         Where words overlap so much that the work has no end in sight.
     """
     if offset > 0:
-        net = _Net.about(automaton, balls, frame, offset + frame.diagonal)
+        net = _net(automaton, balls, frame, offset + frame.diagonal)
         reach = offset + net.error + frame.diagonal / 2
         masks = net.grown(frame, CENTRE, reach)
         return masks, (frame.diagonal + 2 * net.error) * ROUNDING
     h = min(frame.spacing)
-    window = _Window(np.array(frame.start), np.array(frame.shape), np.array(frame.spacing))
+    window = _Window.of(frame)
     marks = window.covered(automaton, balls, _root(automaton, frame, 1), h / fine)
     masks = marks.astype(np.uint64) if marks.any() else np.zeros(marks.shape, np.uint64)
     return masks, (frame.diagonal + 2 * h / fine) * ROUNDING
@@ -147,43 +131,18 @@ def sample_attractor(
             f"offset: got {offset}; wanted a length above zero, for the attractor has no volume "
             'of its own; or sampling = "cover"'
         )
-    return _Net.about(automaton, balls, frame, offset).grown(frame, pattern, offset)
-
-
-def net_error(frame: Frame, offset: float) -> float:
-    """Return how far what ``sample_attractor`` draws may be from the true body, in its unit."""
-    return _net_error(_cells(frame, offset)[1])
-
-
-def _cells(frame: Frame, reach: float) -> tuple[Indices, Floats]:
-    """Return into how many cells of a net a voxel is split, and their edge lengths."""
-    h = np.array(frame.spacing)
-    finest = max(float(h.min()) / CELLS, reach / CELLS_OF_OFFSET)
-    split = np.maximum(np.ceil(h / finest * (1 - 1e-9)), 1).astype(np.int64)
-    return split, h / split
-
-
-def _net_error(cell: Floats) -> float:
-    # A point of the attractor is in a box with the point that marked a cell. Between the centres
-    # of two cells nothing is further from both points than one's far corners.
-    ends = 2 * float(cell.min()) / ENDS
-    far = math.hypot(cell[0] / 2, cell[1] / 2, cell[2])
-    return float(max(math.hypot(*(cell / 2)) + ends, far))
+    return _net(automaton, balls, frame, offset).grown(frame, pattern, offset)
 
 
 @dataclass(frozen=True)
-class _Window:
-    """A part of a lattice: first cell, numbers of cells, edge lengths of a cell."""
-
-    start: Indices
-    shape: Indices
-    spacing: Floats
+class _Window(Window):
+    """A window that an attractor's maps of space are descended in."""
 
     def covered(
         self, automaton: Automaton, balls: Floats, root: tuple[int, Floats], size: float
     ) -> NDArray[np.uint8]:
         """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1."""
-        marks, given = self._empty(), balls.tobytes()
+        marks, given = self.empty(), balls.tobytes()
         here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
         system = _system(automaton, given)
         found = _clouds(automaton, given)
@@ -199,17 +158,11 @@ class _Window:
         self, system: System, root: tuple[int, Floats], size: float
     ) -> NDArray[np.uint8]:
         """Return which cells hold a point of the attractor from a box of half diagonal ``size``."""
-        marks = self._empty()
+        marks = self.empty()
         # Points of larger boxes first: most last boxes then touch marked cells only.
         coarse = [step * float(self.spacing.min()) for step in COARSE]
         self._descend(marks, system, root, (*coarse, size), whole=False)
         return marks
-
-    def _empty(self) -> NDArray[np.uint8]:
-        voxels = math.prod(map(int, self.shape))
-        if voxels > SMALL:
-            check_memory(voxels, f"a net of {voxels} cells", "Choose fewer voxels.")
-        return np.zeros(self.shape, np.uint8)
 
     def _seek(
         self,
@@ -262,61 +215,17 @@ def _endless(limit: int) -> str:
     )
 
 
-@dataclass(frozen=True)
-class _Net:
-    """Cells that an attractor touches; ``error`` is their Hausdorff distance from it, at most."""
-
-    window: _Window
-    origin: Floats
-    marks: NDArray[np.uint8]
-    error: float
-
-    @classmethod
-    def about(cls, automaton: Automaton, balls: Floats, frame: Frame, reach: float) -> _Net:
-        """Return the net of the part of an attractor within ``reach`` of a frame."""
-        split, cell = _cells(frame, reach)
-        lower, upper = _reached(automaton, balls, frame, reach)
-        origin = np.array(frame.origin)
-        start = np.floor((lower - origin) / cell).astype(np.int64) - 1
-        stop = np.ceil((upper - origin) / cell).astype(np.int64) + 1
-        window = _Window(start, np.maximum(stop - start, 1), cell)
-        size = float(cell.min()) / ENDS
-        system, root = _system(automaton, balls.tobytes()), _root(automaton, frame, split)
-        marks = window.holding_points(system, root, size)
-        return cls(window, origin, marks, _net_error(cell))
-
-    def grown(self, frame: Frame, pattern: Pattern, radius: float) -> NDArray[np.uint64]:
-        """Return the masks of the balls about the net's runs of cells along z."""
-        lattice = Lattice.over(frame, pattern)
-        for ends in self._runs():
-            paint_cylinders(lattice, ends, radius)
-            centres = np.unique(ends.reshape(-1, 3), axis=0)
-            paint_balls(lattice, centres, np.full(len(centres), radius))
-        return lattice.window.masks
-
-    def _runs(self) -> Iterator[Floats]:
-        """Yield the ends (k, 2, 3) of runs of marked cells along z, plane by plane of x."""
-        cell = self.window.spacing
-        for x, plane in enumerate(self.marks):
-            change = np.diff(plane.astype(np.int8), axis=1, prepend=0, append=0)
-            y, first = np.nonzero(change > 0)
-            if not len(y):
-                continue
-            last = np.nonzero(change < 0)[1] - 1
-            index = np.stack(
-                [np.stack([np.full(len(y), x), y, z], axis=1) for z in (first, last)], axis=1
-            )
-            yield self.origin + (self.window.start + index + 0.5) * cell
-
-
-def _reached(
-    automaton: Automaton, balls: Floats, frame: Frame, reach: float
-) -> tuple[Floats, Floats]:
-    """Return the box in which points of the attractor can be within ``reach`` of a frame."""
+def _net(automaton: Automaton, balls: Floats, frame: Frame, reach: float) -> Net:
+    """Return the net of the part of an attractor within ``reach`` of a frame."""
+    split, _ = split_cells(frame, reach)
+    system, root = _system(automaton, balls.tobytes()), _root(automaton, frame, split)
     ball = balls[automaton.start]
-    lower = np.maximum(np.array(frame.box.lower) - reach, ball[:3] - ball[3])
-    upper = np.minimum(np.array(frame.box.upper) + reach, ball[:3] + ball[3])
-    return lower, np.maximum(lower, upper)
+
+    def mark(window: Window, size: float) -> NDArray[np.uint8]:
+        own = _Window(window.start, window.shape, window.spacing)
+        return own.holding_points(system, root, size)
+
+    return Net.about(frame, reach, (ball[:3] - ball[3], ball[:3] + ball[3]), mark)
 
 
 def _root(automaton: Automaton, frame: Frame, split: int | Indices) -> tuple[int, Floats]:

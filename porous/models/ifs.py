@@ -253,7 +253,7 @@ class IFS(Value):
 
         A grown attractor is drawn about a net of its points; other bodies are drawn as they are.
         """
-        from porous.models.cover import net_error
+        from porous.models.net import net_error
 
         return net_error(frame, self.offset) if self.level == "limit" else 0.0
 
