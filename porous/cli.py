@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, CycloptsError, Parameter
 
-from porous.errors import PorousError, RecipeError
+from porous.errors import ModelError, PorousError, RecipeError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -115,7 +115,7 @@ def make(
     """Make everything that a recipe says, into a folder: voxels, surface, mesh, deck, report."""
     from porous import workspace
 
-    with _memory(max_memory), _Progress() as progress:
+    with _memory(max_memory), _of(source), _Progress() as progress:
         made = workspace.make(_load(source, values, voxels), out, only=only, progress=progress)
     if as_json:
         print((out / workspace.LAST).read_text(encoding="utf-8"), end="")
@@ -142,7 +142,7 @@ def measure(
     """Measure a file, a preset or a recipe."""
     from porous import workspace
 
-    with _memory(max_memory), _Progress() as progress:
+    with _memory(max_memory), _of(source), _Progress() as progress:
         if _is_recipe(source):
             result = _measured(_load(source, values, voxels), feature, progress)
         else:
@@ -305,6 +305,15 @@ def _terminated() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def _of(source: str) -> Iterator[None]:
+    """Name the recipe in what is said of its model: the user may run many."""
+    try:
+        yield
+    except ModelError as error:
+        raise ModelError(f"{source}: {error}") from None
 
 
 @contextlib.contextmanager

@@ -170,3 +170,12 @@ def test_a_fault_of_our_own_is_said_in_one_line(capsys, monkeypatch):
     assert capsys.readouterr().err.startswith(
         "porous: a fault of porous itself: ZeroDivisionError: oh"
     )
+
+
+def test_what_is_wrong_with_a_model_names_its_recipe(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text('[model]\nkind = "bcifs"\ncell = "tetra"\ncontrols = [[0, 0, 0]]\n')
+    assert main(["make", str(path), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.startswith(f"porous: {path}: controls: ")
+    assert not (tmp_path / "out").exists()

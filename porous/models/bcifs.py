@@ -15,7 +15,6 @@ from porous.models.cell_attractor import BULK_LEVEL, CellAttractor
 from porous.models.cell_body import CellBody, thinnest
 from porous.models.cell_system import CellSystem, natural_box
 from porous.models.contraction import check_contracts
-from porous.models.digits import DigitSet, named
 from porous.models.sections import BoxSection, DigitsSection, Section, Triple
 from porous.models.solve import solve
 from porous.models.states import StateSection, build_states
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from porous.models.brep import BRep, CellState
+    from porous.models.digits import DigitSet
     from porous.values import Box
 
     Floats = NDArray[np.float64]
@@ -185,7 +185,7 @@ def build(section: BCIFSSection, _: Path) -> CellSystem | CellAttractor:
         level=level,
         controls=None if section.controls is None else np.array(section.controls).T,
         moves=section.moves,
-        digits=_digits(section, brep),
+        digits=section.digit_sets(),
         draw=None if isinstance(section.draw, str) else _sweep(section.draw, level),
         domain=section.domain.box() if section.domain else None,
         bulk=section.bulk.box() if section.bulk else None,
@@ -357,13 +357,6 @@ def _texture(
         return Texture(edge=given.edge, bump=given.bump)
     x, y, z = (Texture(edge=each.edge, bump=each.bump) for each in given)
     return x, y, z
-
-
-def _digits(section: BCIFSSection, brep: BRep) -> tuple[DigitSet, ...]:
-    """Return the digit sets of a built-in cell of cubes; a whole one is cut in halves."""
-    if section.states is not None or brep.states[brep.start].shape != "hexa":
-        return ()
-    return section.digit_sets() or (named("full-2"),)
 
 
 def _check_digits(brep: BRep, digits: Sequence[DigitSet]) -> None:
