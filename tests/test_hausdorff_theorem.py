@@ -17,7 +17,7 @@ from porous import bcifs, ifs, voxelize
 from porous.models.builders import Options, Texture, build_cell
 from porous.models.digits import DigitSet, named
 from porous.models.enclosure import enclosing_balls
-from porous.stages import _voxelize
+from porous.stages import _sampled
 
 SYSTEMS = 50
 FAST = 8
@@ -77,11 +77,11 @@ def assert_theorem(grid, points, gap):
 
 def assert_bytes(model, spacing, grid, monkeypatch):
     """The bytes do not depend on tiles, their order or threads."""
-    monkeypatch.setattr(_voxelize, "TILE", (5, 4, 7))
-    ordered = _voxelize._tiles
+    monkeypatch.setattr(_sampled, "TILE", (5, 4, 7))
+    ordered = _sampled._tiles
     for threads, turn in (("1", 1), ("3", -1)):
         monkeypatch.setenv("POROUS_THREADS", threads)
-        monkeypatch.setattr(_voxelize, "_tiles", lambda shape, turn=turn: ordered(shape)[::turn])
+        monkeypatch.setattr(_sampled, "_tiles", lambda shape, turn=turn: ordered(shape)[::turn])
         again = voxelize(model, spacing=spacing, sampling="cover")
         assert again.fill.tobytes() == grid.fill.tobytes()
         assert again.hausdorff == grid.hausdorff

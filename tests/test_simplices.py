@@ -17,7 +17,7 @@ from porous.models.pieces import Pieces
 from porous.models.primitive import named
 from porous.models.simplices import HEXA_TETS, Simplices, hexa_tets, octa_tets, volumes
 from porous.models.simplices import _with_means as with_means
-from porous.stages import _voxelize, voxelize
+from porous.stages import _sampled, voxelize
 from porous.values import CENTRE, FILL, Box, Frame, Pattern
 
 UNIT = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
@@ -184,13 +184,13 @@ def test_tiles_are_parts_of_the_whole():
 def test_the_number_of_threads_does_not_show(monkeypatch):
     _, body = mixed()
     model = Union(body, body.box, body.box)
-    monkeypatch.setattr(_voxelize, "TILE", (7, 5, 6))
+    monkeypatch.setattr(_sampled, "TILE", (7, 5, 6))
     grids = []
     for count in ("1", "2", "5"):
         monkeypatch.setenv("POROUS_THREADS", count)
         grids.append(voxelize(model, spacing=(0.06, 0.05, 0.07)))
     assert grids[0] == grids[1] == grids[2]
-    monkeypatch.setattr(_voxelize, "TILE", (64, 64, 64))
+    monkeypatch.setattr(_sampled, "TILE", (64, 64, 64))
     assert voxelize(model, spacing=(0.06, 0.05, 0.07)) == grids[0]
 
 

@@ -16,7 +16,7 @@ from porous.models.digits import DigitSet
 from porous.models.pieces import Pieces
 from porous.models.primitive import Primitive, named, of_surface
 from porous.models.rasterise import cover_pieces, fill_digits, sample_digits, sample_pieces
-from porous.stages import _voxelize, voxelize
+from porous.stages import _sampled, _voxelize, voxelize
 from porous.values import CENTRE, FILL, Box, Frame, Pattern, SurfaceMesh
 
 UNIT = Box((0, 0, 0), (1, 1, 1))
@@ -337,13 +337,13 @@ def test_tiles_are_parts_of_the_whole(primitive, offset):
 @each_kind
 def test_the_number_of_threads_does_not_show(primitive, offset, monkeypatch):
     model = Union(some_union(primitive, offset))
-    monkeypatch.setattr(_voxelize, "TILE", (7, 5, 6))
+    monkeypatch.setattr(_sampled, "TILE", (7, 5, 6))
     grids = []
     for count in ("1", "2", "5"):
         monkeypatch.setenv("POROUS_THREADS", count)
         grids.append(voxelize(model, spacing=(0.06, 0.05, 0.07)))
     assert grids[0] == grids[1] == grids[2]
-    monkeypatch.setattr(_voxelize, "TILE", (64, 64, 64))
+    monkeypatch.setattr(_sampled, "TILE", (64, 64, 64))
     assert voxelize(model, spacing=(0.06, 0.05, 0.07)) == grids[0]
 
 
@@ -609,9 +609,9 @@ def test_too_many_voxels_are_refused_before_anything_is_made(monkeypatch):
     with pytest.raises(MemoryLimitError) as caught:
         voxelize(model, voxels=5000)
     largest = int(str(caught.value).split("voxels = ")[1].split()[0])
-    _voxelize._check_memory(Frame.fit(UNIT, voxels=largest), 1)
+    _voxelize.check_grid_memory(Frame.fit(UNIT, voxels=largest), 1)
     with pytest.raises(MemoryLimitError):
-        _voxelize._check_memory(Frame.fit(UNIT, voxels=largest + 1), 1)
+        _voxelize.check_grid_memory(Frame.fit(UNIT, voxels=largest + 1), 1)
 
 
 def test_bulk_is_the_exact_part_of_each_voxel():
@@ -631,7 +631,7 @@ def test_padding_is_no_bulk():
 
 
 def test_progress_and_cancelling(monkeypatch):
-    monkeypatch.setattr(_voxelize, "TILE", (4, 4, 4))
+    monkeypatch.setattr(_sampled, "TILE", (4, 4, 4))
     seen = []
     voxelize(CUBE, voxels=16, progress=lambda stage, done: seen.append((stage, done)))
     assert {stage for stage, _ in seen} == {"voxelize"}
@@ -668,9 +668,9 @@ def test_progress_of_the_short_cut():
 
 
 def test_fills_are_counts():
-    table = _voxelize._fills(FILL)
+    table = _sampled._fills(FILL)
     assert (table[0], table[32], table[64]) == (0, 128, 255)
-    assert _voxelize._fills(CENTRE).tolist() == [0, 255]
+    assert _sampled._fills(CENTRE).tolist() == [0, 255]
 
 
 def test_cover_of_a_model():

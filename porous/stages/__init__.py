@@ -5,16 +5,19 @@ from porous.stages._extract_surface import extract_surface
 from porous.stages._hexahedralize import hexahedralize
 from porous.stages._mesh_cells import mesh_cells
 from porous.stages._name_parts import name_parts
+from porous.stages._sampled import SampledModel
 from porous.stages._simplify import simplify
 from porous.stages._smooth import smooth
 from porous.stages._stream_surface import StreamedSurface, stream_surface
 from porous.stages._tetrahedralize import tetrahedralize
-from porous.stages._voxelize import voxelize
+from porous.stages._voxelize import fit_frame, voxelize
 
 __all__ = [
+    "SampledModel",
     "StreamedSurface",
     "exact_surface",
     "extract_surface",
+    "fit_frame",
     "hexahedralize",
     "mesh_cells",
     "name_parts",

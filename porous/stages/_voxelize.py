@@ -1,38 +1,20 @@
-"""From a model to voxels: a frame, tiles on all threads, bits counted tile by tile."""
+"""From a model to voxels: a frame that fits its domain, and what is sampled there."""
 
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from porous.errors import GridError
 from porous.memory import available, check_memory
-from porous.models.model import HasBulk, HasCover, HasDoubts, HasFeature, HasFill
-from porous.values import CENTRE, FILL, Frame, VoxelGrid
-from porous.values.grid import SAMPLINGS
-from porous.values.value import adopted
+from porous.models.model import HasFeature
+from porous.stages._sampled import MASK_BYTES, TILE, SampledModel
+from porous.values import Frame, VoxelGrid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Callable
 
     from porous.models.model import Model
-    from porous.values import Box, Pattern
-
-    Bytes = NDArray[np.uint8]
-    Span = tuple[tuple[int, int, int], tuple[int, int, int]]
-
-TILE = (64, 64, 128)
-"""Voxels of a tile: its masks fit the cache, and lines along z are long."""
-
-MASK_BYTES = 8 * 6
-"""Bytes per voxel of a tile while it is sampled, about."""
-
-PATTERNS = {"centre": CENTRE, "fill": FILL}
 
 
 def voxelize(
@@ -83,10 +65,43 @@ def voxelize(
     MemoryLimitError
         Before anything is allocated; names the largest number of voxels that fits.
     """
-    if sampling not in SAMPLINGS:
-        raise GridError(f"sampling: got {sampling!r}; wanted one of {', '.join(SAMPLINGS)}")
+    frame = fit_frame(
+        model,
+        voxels=voxels,
+        spacing=spacing,
+        per_feature=per_feature,
+        periodic=periodic,
+        cubic=cubic,
+    )
+    source = SampledModel(model, frame, sampling)
+    check_grid_memory(frame, 2 if source.has_bulk else 1)
+    half = 0.5 if source.is_bulk_sampled else 1.0
+    start = (0, 0, 0)
+    fill = source.fill(start, frame.shape, _Report(progress, 0.0, half))
+    bulk = source.bulk(start, frame.shape, _Report(progress, half, 1.0))
+    if bulk is not None and source.is_bulk_sampled and bulk.min() == 255:
+        bulk = None
+    return VoxelGrid(frame, fill, bulk, sampling, source.hausdorff, source.sampling_error)
+
+
+def fit_frame(
+    model: Model,
+    *,
+    voxels: int | None = None,
+    spacing: tuple[float, float, float] | None = None,
+    per_feature: float | None = None,
+    periodic: tuple[bool, bool, bool] = (False, False, False),
+    cubic: bool = False,
+) -> Frame:
+    """Return the lattice of voxels that fits a model's domain; see ``voxelize``.
+
+    Raises
+    ------
+    GridError
+        For no or several resolutions, or one that the model does not have.
+    """
     steps = _spacing(model, voxels, spacing, per_feature)
-    frame = Frame.fit(
+    return Frame.fit(
         model.domain,
         voxels=voxels,
         spacing=steps,
@@ -94,16 +109,6 @@ def voxelize(
         periodic=periodic,
         unit=model.unit,
     )
-    own = isinstance(model, HasBulk)
-    whole = not own and _holds(model.bulk, frame)
-    _check_memory(frame, 1 if whole else 2)
-    fill, hausdorff = _sampled(model, frame, sampling, _Report(progress, 0.0, 0.5 if own else 1.0))
-    bulk = None if whole else _bulk(model, frame, _Report(progress, 0.5, 1.0))
-    error = 0.0
-    if isinstance(model, HasDoubts):
-        error = model.sampling_error(frame) if sampling != "cover" else 0.0
-        hausdorff = None if model.is_cut else hausdorff
-    return VoxelGrid(frame, adopted(fill), bulk, sampling, hausdorff, error)
 
 
 class _Report:
@@ -148,7 +153,7 @@ def _spacing(
     return h, h, h
 
 
-def _check_memory(frame: Frame, bytes_each: int) -> None:
+def check_grid_memory(frame: Frame, bytes_each: int) -> None:
     """Raise ``MemoryLimitError`` where a grid of ``frame`` would not fit."""
     tiles = _threads() * math.prod(map(min, TILE, frame.shape)) * MASK_BYTES
     needed = frame.size * bytes_each + tiles
@@ -160,7 +165,7 @@ def _check_memory(frame: Frame, bytes_each: int) -> None:
     check_memory(
         needed,
         f"a grid of {' × '.join(map(str, frame.shape))} voxels",
-        f"Choose voxels = {fits} or fewer along the longest edge."
+        f"Choose voxels = {fits} or fewer along the longest edge, or make it out of core."
         if fits
         else "Not even one voxel would fit: allow more memory.",
         limit=free,
@@ -175,109 +180,3 @@ def _threads() -> int:
     from porous.kernels._shared import threads
 
     return threads()
-
-
-def _sampled(
-    model: Model, frame: Frame, sampling: str, report: _Report
-) -> tuple[Bytes, float | None]:
-    if sampling == "cover":
-        return _covered(model, frame, report)
-    pattern = PATTERNS[sampling]
-    if isinstance(model, HasFill):
-        fill = model.fill(frame, pattern, report)
-        if fill is not None:
-            return fill, None
-    return _counted(model.sample, frame, pattern, report), None
-
-
-def _covered(model: Model, frame: Frame, report: _Report) -> tuple[Bytes, float]:
-    if not isinstance(model, HasCover):
-        raise GridError("sampling: this model cannot be covered; wanted fill or centre")
-    fill = np.empty(frame.shape, np.uint8)
-    bounds = []
-
-    def sample(tile: Frame, out: Bytes) -> None:
-        marks, bound = model.cover(tile)
-        np.multiply(marks != 0, np.uint8(255), out=out)
-        bounds.append(bound)
-
-    _each_tile(frame, fill, sample, report)
-    return fill, max(bounds)
-
-
-def _counted(
-    masks: Callable[[Frame, Pattern], NDArray[np.uint64]],
-    frame: Frame,
-    pattern: Pattern,
-    report: _Report,
-) -> Bytes:
-    """Return how much of each voxel is set in the masks of its tile."""
-    table = _fills(pattern)
-    result = np.empty(frame.shape, np.uint8)
-
-    def sample(tile: Frame, out: Bytes) -> None:
-        out[...] = table[np.bitwise_count(masks(tile, pattern))]
-
-    _each_tile(frame, result, sample, report)
-    return result
-
-
-def _fills(pattern: Pattern) -> Bytes:
-    """Return the fill of each number of samples: (255·k + P/2) // P."""
-    count = pattern.points
-    return np.array([(255 * k + count // 2) // count for k in range(count + 1)], np.uint8)
-
-
-def _each_tile(
-    frame: Frame, out: Bytes, sample: Callable[[Frame, Bytes], None], report: _Report
-) -> None:
-    """Call ``sample(tile, its part of out)`` for all tiles, on all threads."""
-    from porous.kernels._shared import slabs
-
-    tiles = _tiles(frame.shape)
-
-    def work(first: int, last: int) -> None:
-        for start, stop in tiles[first:last]:
-            part = tuple(slice(a, b) for a, b in zip(start, stop, strict=True))
-            sample(frame.tile(start, stop), out[part])
-
-    slabs(len(tiles), 1, work, report)
-
-
-def _tiles(shape: Sequence[int]) -> list[Span]:
-    steps = [range(0, n, size) for n, size in zip(shape, TILE, strict=True)]
-    return [
-        (
-            (x, y, z),
-            (min(x + TILE[0], shape[0]), min(y + TILE[1], shape[1]), min(z + TILE[2], shape[2])),
-        )
-        for x, y, z in product(*steps)
-    ]
-
-
-def _holds(bulk: Box, frame: Frame) -> bool:
-    return bulk.contains(frame.box, tolerance=1e-9 * max(frame.box.lengths))
-
-
-def _bulk(model: Model, frame: Frame, report: _Report) -> Bytes | None:
-    """Return which part of each voxel is bulk, or None where all is."""
-    if not isinstance(model, HasBulk):
-        return adopted(_part_in_box(model.bulk, frame))
-    # Sampled at the points of a fill: a solid that lies in it then does so voxel by voxel.
-    found = _counted(model.sample_bulk, frame, FILL, report)
-    return None if found.min() == 255 else adopted(found)
-
-
-def _part_in_box(bulk: Box, frame: Frame) -> Bytes:
-    """Return which part of each voxel lies in a box, 255 being all of it."""
-    parts = []
-    for axis in range(3):
-        edge = frame.start[axis] + np.arange(frame.shape[axis] + 1)
-        place = frame.origin[axis] + edge * frame.spacing[axis]
-        inside = np.clip(place, bulk.lower[axis], bulk.upper[axis])
-        parts.append(np.diff(inside) / frame.spacing[axis])
-    plane = parts[1][:, None] * parts[2]
-    result = np.empty(frame.shape, np.uint8)
-    for x, part in enumerate(parts[0]):
-        result[x] = np.rint(255 * part * plane)
-    return result
