@@ -1,8 +1,13 @@
 """Surfaces from voxels, with their steps, for tests of what smooths and simplifies them."""
 
+import os
+
 import numpy as np
+import pytest
+from scipy import ndimage
 
 import porous as po
+from porous import presets
 from porous.values import Frame, VoxelGrid
 from porous.values.surface_topology import euler_number, pieces
 
@@ -30,6 +35,41 @@ def hollow():
     fill[5:9, 5:8, 5:10] = 0
     fill[0, 0, 0] = 255
     return fill
+
+
+def blobs(seed):
+    """Smooth noise, grey or binary, of unequal sides."""
+    random = np.random.default_rng(seed)
+    field = random.normal(size=(20 + seed, 18 + seed, 17 + seed))
+    field = ndimage.gaussian_filter(field, random.uniform(0.8, 2.5), mode="wrap")
+    values = 127.5 + field / field.std() * random.uniform(20, 300)
+    fill = np.clip(values, 0, 255).astype(np.uint8)
+    return np.where(fill < 128, np.uint8(0), np.uint8(255)) if seed % 2 else fill
+
+
+def hundred():
+    """Surfaces of a hundred bodies and more: noise, blobs, sheets, and presets at 47 voxels."""
+    for seed in range(30):
+        for grey in (False, True):
+            yield surface_of(noise(seed, grey))
+    for seed in range(20):
+        yield surface_of(blobs(seed))
+    yield surface_of(gyroid())
+    yield surface_of(hollow())
+    for name in presets.names():
+        model = po.build(po.load(name, set={"voxels.voxels": 47}))
+        yield po.extract_surface(po.voxelize(model, voxels=47))
+
+
+def crossings(surface):
+    """Return how many pairs of triangles pass through each other: libigl judges, exactly."""
+    try:
+        from igl.copyleft import cgal
+    except ImportError:
+        missing = "libigl is not installed here"
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(missing)
+    points, triangles = surface.points.copy(), surface.triangles.copy()
+    return len(cgal.remesh_self_intersections(points, triangles, detect_only=True)[2])
 
 
 def topology(surface):

@@ -6,7 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from stepped import cancel, gyroid, hollow, many, noise, surface_of, topology
+from stepped import (
+    blobs,
+    cancel,
+    crossings,
+    gyroid,
+    hollow,
+    hundred,
+    many,
+    noise,
+    surface_of,
+    topology,
+)
 
 import porous as po
 from porous.certificate import certify
@@ -37,6 +48,58 @@ def test_noise_keeps_its_topology_however_much_is_asked(seed, grey):
     assert abs(after.volume / before.volume - 1) <= _simplify.TOLERANCE
     solids = measure(before)["components"].value
     assert measure(after)["components"].value == solids
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_no_simplified_noise_crosses_itself(seed):
+    for grey in (False, True):
+        assert crossings(po.simplify(surface_of(noise(seed, grey)), keep=0.7)) == 0
+
+
+@pytest.mark.parametrize("keep", [0.5, 0.1])
+@pytest.mark.parametrize("fill", [blobs(3), blobs(6), gyroid(), hollow()], ids="abcd")
+def test_no_simplified_body_crosses_itself(fill, keep):
+    assert crossings(po.simplify(surface_of(fill), keep=keep)) == 0
+
+
+def shell(radius, thickness, n):
+    x = np.arange(n) + 0.5 - n / 2
+    off = np.abs(np.sqrt(x[:, None, None] ** 2 + x[:, None] ** 2 + x**2) - radius)
+    return np.clip(127.5 + 255 * (thickness / 2 - off), 0, 255).astype(np.uint8)
+
+
+def test_a_shell_would_cross_itself_if_nothing_was_asked(monkeypatch):
+    # Its two sides, less than two voxels apart, become polyhedra of a few dozen triangles.
+    before = surface_of(shell(9, 1.8, 22), spacing=(1, 1, 1))
+    after = po.simplify(before, keep=0.005, tolerance=0.2)
+    assert len(after.triangles) < 0.02 * len(before.triangles)
+    assert crossings(after) == 0
+    monkeypatch.setattr(_simplify, "crossing", lambda _, triangles: np.zeros(len(triangles), bool))
+    assert crossings(po.simplify(before, keep=0.005, tolerance=0.2)) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("keep", [0.5, 0.25, 0.1])
+def test_none_of_a_hundred_simplified_surfaces_crosses_itself(keep):
+    bodies = 0
+    for before in hundred():
+        assert crossings(po.simplify(before, keep=keep)) == 0
+        bodies += 1
+    assert bodies >= 100
+
+
+@pytest.mark.slow
+def test_both_steps_leave_a_hundred_surfaces_without_crossings():
+    for before in hundred():
+        assert crossings(po.simplify(po.smooth(before, iterations=5), keep=0.3)) == 0
+
+
+def test_a_surface_that_crosses_itself_is_not_held_to_more():
+    one, shift = surface_of(gyroid(20)), [3.3, 0.4, 0.3]
+    points = np.vstack([one.points, one.points + shift])
+    before = po.SurfaceMesh(points, np.vstack([one.triangles, one.triangles + len(one.points)]))
+    assert crossings(before) > 0
+    assert len(po.simplify(before, keep=0.5).triangles) < 0.6 * len(before.triangles)
 
 
 @pytest.mark.slow

@@ -4,11 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stepped import cancel, gyroid, hollow, many, noise, surface_of, topology
+from stepped import (
+    blobs,
+    cancel,
+    crossings,
+    gyroid,
+    hollow,
+    hundred,
+    many,
+    noise,
+    surface_of,
+    topology,
+)
 
 import porous as po
 from porous.certificate import certify
 from porous.measures import measure
+from porous.stages import _smooth
 from porous.stages._altered import pieces_of, volumes_of
 from porous.stages._smooth import AXIS_OF, _folded
 from porous.values.surface_topology import defects
@@ -64,6 +76,75 @@ def test_no_triangle_is_turned_over(name):
     assert not (
         _folded(after.points, after.triangles) & ~_folded(before.points, before.triangles)
     ).any()
+
+
+CROSSED = 5, 10
+"""Seeds of grey noise whose surface ten steps would make cross itself."""
+
+
+@pytest.mark.parametrize("seed", CROSSED)
+def test_a_surface_would_cross_itself_if_nothing_was_taken_back(seed, monkeypatch):
+    before = surface_of(noise(seed, grey=True))
+    taken_back = po.smooth(before)
+    monkeypatch.setattr(_smooth, "crossing", lambda _, triangles: np.zeros(len(triangles), bool))
+    assert crossings(po.smooth(before)) > 0
+    assert crossings(taken_back) == 0
+    # Only about the crossings is less smoothed.
+    stays = (taken_back.points == before.points).all(axis=1)
+    assert stays.mean() < 0.05
+    assert volumes(taken_back) == pytest.approx(volumes(before), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_no_smoothed_noise_crosses_itself(seed):
+    for grey in (False, True):
+        assert crossings(po.smooth(surface_of(noise(seed, grey)), iterations=1 + 3 * seed)) == 0
+
+
+@pytest.mark.parametrize("fill", [blobs(1), blobs(4), gyroid()[:20]], ids="abc")
+def test_no_smoothed_body_crosses_itself(fill):
+    assert crossings(po.smooth(surface_of(fill), iterations=10, reach=0.7)) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("iterations", [1, 3, 10, 40])
+def test_none_of_a_hundred_smoothed_surfaces_crosses_itself(iterations):
+    bodies = 0
+    for before in hundred():
+        assert crossings(po.smooth(before, iterations=iterations)) == 0
+        bodies += 1
+    assert bodies >= 100
+
+
+def in_one_another():
+    """A cube, and in a corner of it a cavity that smoothing would make it cut into."""
+    side = np.linspace(-1, 1, 2)
+    corners = np.array(np.meshgrid(side, side, side, indexing="ij")).reshape(3, -1).T
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    box = np.array([[f[0], f[i], f[i + 1]] for f in faces for i in (1, 2)])
+    points = np.vstack([corners, 0.3 * corners + 0.6])
+    return po.SurfaceMesh(points, np.vstack([box, box[:, ::-1] + 8]))
+
+
+def test_pieces_in_the_way_of_each_other_stay_apart(monkeypatch):
+    before = in_one_another()
+    assert crossings(before) == 0
+    after = po.smooth(before, iterations=5)
+    assert crossings(after) == 0
+    assert volumes(after) == pytest.approx(volumes(before), rel=1e-9)
+    monkeypatch.setattr(_smooth, "TAMED", 1)
+    assert crossings(po.smooth(before, iterations=5)) == 0
+    monkeypatch.setattr(_smooth, "crossing", lambda _, triangles: np.zeros(len(triangles), bool))
+    assert crossings(po.smooth(before, iterations=5)) > 0
+
+
+def test_a_surface_that_crosses_itself_is_not_held_to_more():
+    one, shift = surface_of(hollow()), [3.3, 0.4, 0.3]
+    points = np.vstack([one.points, one.points + shift])
+    before = po.SurfaceMesh(points, np.vstack([one.triangles, one.triangles + len(one.points)]))
+    assert crossings(before) > 0
+    after = po.smooth(before, iterations=3)
+    assert volumes(after) == pytest.approx(volumes(before), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.slow

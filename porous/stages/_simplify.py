@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import MeshError
+from porous.kernels.crossings import crossing
 from porous.memory import check_memory
 from porous.stages._altered import altered, check_manifold, part_areas, pieces_of, volumes_of
 from porous.stages._slivers import without_slivers
@@ -54,9 +55,9 @@ def simplify(
     fast-simplification), and slivers that this leaves in flat faces are turned. That engine does
     not watch topology, so what it makes is checked: closed, oriented, 2-manifold, as many pieces
     as before, each with the Euler number and the side it had, volume within ``tolerance``, every
-    named part still there. Where a check fails, gentler targets are tried by halving; so the
-    result may keep more than ``keep``, in the end all. Whether the surface crosses itself is not
-    asked.
+    named part still there, and no triangle that crosses or touches another (of a surface that had
+    some already: no more than it had). Where a check fails, gentler targets are tried by halving;
+    so the result may keep more than ``keep``, in the end all.
 
     Parameters
     ----------
@@ -200,4 +201,7 @@ def _passes(
         return False
     if not np.array_equal(part_areas(found) > 0, parts):
         return False
-    return not defects(found) and _signature(found) == promised
+    if defects(found) or _signature(found) != promised:
+        return False
+    crossed = crossing(found.points, found.triangles).sum()
+    return not crossed or bool(crossed <= crossing(surface.points, surface.triangles).sum())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from porous.errors import MeshError
+from porous.kernels.crossings import crossing
 from porous.memory import check_memory
 from porous.stages._altered import Pieces, altered, check_manifold, pieces_of, volumes_of
 
@@ -39,8 +40,8 @@ ROUNDING = 4e-15
 ROUNDS = 40
 TAMED = 30
 GENTLY = 5
-"""Steps towards a volume; how often points about a fold are taken back: some times by half, then
-for good with their neighbours."""
+"""Steps towards a volume; how often points about a fold or a crossing are taken back: some times by
+half, then for good with their neighbours."""
 
 BYTES = 500
 """Memory per triangle while a surface is smoothed, about."""
@@ -60,7 +61,8 @@ def smooth(
     each step the pieces' volumes are restored along the normals. Triangles stay as they are, so
     topology does; points of caps (XMIN … ZMAX) stay in their planes; no point moves further than
     ``reach``, so that no point of either surface is further than that from the other. Where a
-    triangle would be turned over, its points are taken back.
+    triangle would be turned over, or would cross or touch another, its points are taken back: so
+    a surface that does not cross itself never does.
 
     Parameters
     ----------
@@ -113,7 +115,9 @@ def smooth(
 class _Body:
     """A surface under way: where its points were, what they may do, what must stay."""
 
+    given: Floats
     points: Floats
+    """Those given, about their middle."""
     triangles: Indices
     free: Floats
     """1 where a point may move along an axis, 0 where it is of a cap across it; (n, 3)."""
@@ -138,6 +142,7 @@ class _Body:
             sides = surface.corners - np.roll(surface.corners, 1, axis=1)
             reach = REACH * float(np.linalg.norm(sides, axis=2).mean())
         return cls(
+            surface.points,
             points,
             surface.triangles,
             _freedom(surface),
@@ -160,11 +165,11 @@ class _Body:
         return self._held(moved + self._along(normals, lost, areas))
 
     def settled(self, moved: Floats) -> Floats:
-        """Return displacements that fold no triangle over and restore every volume."""
+        """Return displacements that harm no triangle and restore every volume."""
         body = self
         for tried in range(TAMED):
             moved, lost = body._restored(moved)
-            worse = _folded(self.points + moved, self.triangles) & ~self.folded
+            worse = self._harmed(moved)
             if not worse.any() and not lost.any():
                 return moved
             about = self._about(worse, 0 if tried < GENTLY else 1)
@@ -172,9 +177,33 @@ class _Body:
             moved[about] *= 0.5 if tried < GENTLY else 0.0
             if tried >= GENTLY:
                 body = replace(body, free=np.where(about[:, None], 0.0, body.free))
-        bad = np.unique(self.found.of_triangle[worse])
-        moved[lost[self.found.of_point] | np.isin(self.found.of_point, bad)] = 0.0
+        return self._taken_back(moved, worse, lost)
+
+    def _taken_back(
+        self, moved: Floats, worse: NDArray[np.bool_], lost: NDArray[np.bool_]
+    ) -> Floats:
+        """Return displacements without those of pieces that are harmed or have lost volume.
+
+        A piece that stays where it was may be in the way of another, which then stays too.
+        """
+        while lost.any() or worse.any():
+            bad = lost.copy()
+            bad[self.found.of_triangle[worse]] = True
+            there = bad[self.found.of_point]
+            if not moved[there].any():  # of a surface that crossed itself from the start
+                return np.zeros_like(moved)
+            moved[there] = 0.0
+            lost = np.zeros_like(lost)
+            worse = self._harmed(moved)
         return moved
+
+    def _harmed(self, moved: Floats) -> NDArray[np.bool_]:
+        """Tell which triangles are folded over, or cross or touch another, and did not before."""
+        folded = _folded(self.points + moved, self.triangles) & ~self.folded
+        crossed = crossing(self.given + moved, self.triangles)
+        if crossed.any():
+            crossed &= ~crossing(self.given, self.triangles)
+        return np.asarray(folded | crossed)
 
     def _about(self, chosen: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
         """Tell which points are of chosen triangles, or of ``rings`` of triangles about them."""
