@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import porous as po
+from porous.kernels import clouds as kernel
 from porous.kernels.clouds import stamp
 from porous.models import clouds, cover
 from porous.models.automaton import of_maps
@@ -52,13 +53,19 @@ def framed(maps, voxels):
     return Frame.fit(po.ifs(maps, level="limit").domain, voxels=voxels)
 
 
-def marked(maps, frame):
-    automaton, balls, system = system_of(maps)
+def window_of(automaton, frame):
+    """Return the root in the window's own voxels, their numbers and edge lengths."""
     state, map_ = cover._root(automaton, frame, 1)
     map_[:, 3] -= frame.start
+    return (state, map_), np.array(frame.shape), np.array(frame.spacing)
+
+
+def marked(maps, frame):
+    automaton, balls, system = system_of(maps)
     marks = np.zeros(frame.shape, np.uint8)
     found = clouds.clouds(system)
-    clouds.stamp_points(marks, system, found, (state, map_), np.array(frame.spacing))
+    words = clouds.fitting(system, found, *window_of(automaton, frame))
+    clouds.stamp_points(marks, found, words, np.array(frame.spacing))
     return marks, cover.cover_attractor(automaton, balls, frame)[0]
 
 
@@ -86,6 +93,62 @@ def test_points_of_a_cloud_lie_in_the_attractor(name):
     index = np.floor((points - frame.origin) / frame.spacing).astype(int)
     inside = ((index >= 0) & (index < frame.shape)).all(axis=1)
     assert whole[tuple(index[inside].T)].all()
+
+
+def naive_words(system, found, root, shape, spacing):
+    """The words that fit a window, one after the other: (state, map, half diagonal, inside)."""
+    words, most = [root], clouds.MOST_POINTS * shape.prod()
+    most += max(cloud.points.shape[1] for cloud in found)
+    while True:
+        kept, finer, points, any_wide = [], [], 0, False
+        for state, map_ in words:
+            ball, block, linear = system.balls[state], system.blocks[state], map_[:, :3]
+            middle, other = (linear @ held[:3] + map_[:, 3] for held in (ball, block))
+            reach = np.linalg.norm(linear, axis=1) * ball[3]
+            across = np.abs(linear) @ block[3:]
+            low = np.maximum(middle - reach, other - across)
+            high = np.minimum(middle + reach, other + across)
+            if (high <= -clouds.MARGIN).any() or (low >= shape + clouds.MARGIN).any():
+                continue
+            inside = (low > clouds.MARGIN).all() and (high < shape - clouds.MARGIN).all()
+            size = np.linalg.norm(reach * spacing)
+            kept.append((state, map_, size, inside))
+            cloud = found[state]
+            wide = cloud.dimension > 0 and cloud.per_voxel(size / spacing.min()) < clouds.WANTED
+            any_wide |= wide
+            own = []
+            for child in range(system.first[state], system.first[state + 1]) if wide else ():
+                longer = linear @ system.maps[child]
+                longer[:, 3] += map_[:, 3]
+                own.append((system.targets[child], longer))
+            finer += own if wide else [(state, map_)]
+        points = sum(found[state].points.shape[1] for state, _ in finer)
+        if not any_wide or points > most:
+            return kept
+        words = finer
+
+
+@each_system
+@pytest.mark.parametrize("voxels", [20, 300])
+def test_words_that_fit_a_window(name, voxels, monkeypatch):
+    monkeypatch.setattr(kernel, "ROOM", 3)  # more are found than there is room for
+    monkeypatch.setattr(clouds, "POINTS", 500)
+    automaton, _, system = system_of(SYSTEMS[name])
+    frame = framed(SYSTEMS[name], voxels)
+    tile = frame.tile([n // 3 for n in frame.shape], [max(1, n // 2) for n in frame.shape])
+    found = clouds.clouds(system)
+    for window in (frame, tile) if voxels < 100 else (tile,):
+        words = clouds.fitting(system, found, *window_of(automaton, window))
+        expected = naive_words(system, found, *window_of(automaton, window))
+        assert len(words.states) == len(expected)
+        if not expected:
+            continue
+        states, maps, sizes, inside = map(np.array, zip(*expected, strict=True))
+        order, other = (np.lexsort(m.reshape(-1, 12).round(6).T) for m in (words.maps, maps))
+        assert words.maps[order] == pytest.approx(maps[other], abs=1e-9)
+        assert np.array_equal(words.states[order], states[other])
+        assert words.sizes[order] == pytest.approx(sizes[other])
+        assert np.array_equal(words.inside[order], inside[other])
 
 
 def test_how_dense_a_cloud_is():

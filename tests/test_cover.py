@@ -11,6 +11,7 @@ from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 
 from porous.errors import ModelError
+from porous.kernels.cover import about
 from porous.models import cover as covers
 from porous.models import net
 from porous.models.automaton import Automaton, State, Transition, of_maps
@@ -86,6 +87,23 @@ def furthest_corners(index, frame, tree):
     return worst
 
 
+# --- what holds an attractor -----------------------------------------------------------------
+
+
+@settings(max_examples=20)
+@given(st.integers(1, 60), st.integers(0, 10**6), st.sampled_from([0.0, 0.3, 2.0]))
+def test_a_ball_about_balls_holds_them_and_is_hardly_too_large(count, seed, spread):
+    random = np.random.default_rng(seed)
+    middles, radii = random.normal(size=(count, 3)), spread * random.random(count)
+    centre, radius = about(middles, radii, middles.mean(axis=0))
+    assert (np.linalg.norm(middles - centre, axis=1) + radii).max() == pytest.approx(radius)
+    # One as wide as the whole holds it all if √1.5 times as large (Jung), and so many steps come
+    # within an eighth of the smallest.
+    gaps = np.linalg.norm(middles[:, None] - middles, axis=2)
+    least = max(radii.max(), (gaps + radii[:, None] + radii).max() / 2)
+    assert least * (1 - 1e-12) <= radius <= least * 1.5**0.5 * 1.125
+
+
 # --- attractors ----------------------------------------------------------------------------
 
 
@@ -94,7 +112,7 @@ def test_a_cover_holds_the_points_of_the_chaos_game(name):
     frame = framed(SYSTEMS[name], (29, 31, 23))
     marks, bound = covered(SYSTEMS[name], frame)
     assert set(np.unique(marks)) == {0, 1}
-    assert marks.dtype == np.uint64
+    assert marks.dtype == np.uint8
     points = naive.chaos_points(SYSTEMS[name], 100_000, seed=3)
     assert marks[voxels_of(points, frame)].all()
     assert bound == pytest.approx(frame.diagonal + min(frame.spacing) / 8, rel=1e-4)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from porous.kernels._shared import all_marked, half_diagonal, kernel, source
+from porous.kernels._shared import kernel, source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,6 +21,9 @@ SLACK = 1e-7
 
 ASKED = 512
 """Boxes of more voxels are not asked whether all of theirs are marked already."""
+
+STEPS = 64
+"""Steps towards the smallest ball about others."""
 
 
 class System(NamedTuple):
@@ -40,51 +43,114 @@ class System(NamedTuple):
 
 
 @kernel
-def _enclose(map_, ball, block, box):
-    # Intersect a box with those of the ellipsoid and the slanted box which a map makes of a ball
-    # and a box.
-    for a in range(3):
-        middle = other = map_[a, 3]
-        reach = across = 0.0
-        for b in range(3):
-            middle += map_[a, b] * ball[b]
-            reach += map_[a, b] ** 2
-            other += map_[a, b] * block[b]
-            across += abs(map_[a, b]) * block[b + 3]
-        reach = np.sqrt(reach) * ball[3] + SLACK
-        across += SLACK
-        box[a] = max(box[a], middle - reach, other - across)
-        box[a + 3] = min(box[a + 3], middle + reach, other + across)
+def _about(middles, radii, centre, steps):
+    # Each step goes towards the furthest ball: Bădoiu and Clarkson 2003.
+    x, y, z = centre[0], centre[1], centre[2]
+    for step in range(1, steps + 2):
+        radius, furthest = -1.0, 0
+        for w in range(len(radii)):
+            total = (middles[w, 0] - x) ** 2 + (middles[w, 1] - y) ** 2 + (middles[w, 2] - z) ** 2
+            # Roots of the few that are further than all before.
+            if radius < radii[w] or total > (radius - radii[w]) ** 2:
+                radius, furthest = np.sqrt(total) + radii[w], w
+        if step <= steps:
+            x += (middles[furthest, 0] - x) / (step + 1)
+            y += (middles[furthest, 1] - y) / (step + 1)
+            z += (middles[furthest, 2] - z) / (step + 1)
+    return x, y, z, radius
+
+
+def about(middles: Floats, radii: Floats, start: Floats) -> tuple[Floats, float]:
+    """Return the centre (3,) and the radius of a small ball that holds others.
+
+    Parameters
+    ----------
+    middles, radii
+        Of the others, (n, 3) and (n,).
+    start
+        Where the centre is sought from, (3,).
+    """
+    given = (source(array, np.float64) for array in (middles, radii, start))
+    *centre, radius = _about(*given, STEPS)
+    return np.array(centre), float(radius)
 
 
 @kernel
-def _touched(box, start, shape, span):
-    # The voxels of the window whose closed boxes meet a box; their number.
-    count = 1
-    for a in range(3):
-        low = max(box[a], start[a] - 2.0)
-        high = min(box[a + 3], start[a] + shape[a] + 2.0)
-        span[a] = max(np.int64(np.ceil(low - 1.0)) - start[a], 0)
-        span[a + 3] = min(np.int64(np.floor(high)) - start[a], shape[a] - 1)
-        count *= max(span[a + 3] - span[a] + 1, 0)
-    return count
+def _enclose(nodes, boxes, at, a, balls, blocks, state):
+    # Intersect an axis of a box with those of the ellipsoid and the slanted box which a map makes
+    # of a ball and a box. Arrays are passed whole: a view of a row is a reference to be counted.
+    m0, m1, m2, m3 = nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2], nodes[at, a, 3]
+    middle = m0 * balls[state, 0] + m1 * balls[state, 1] + m2 * balls[state, 2] + m3
+    reach = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * balls[state, 3] + SLACK
+    other = m0 * blocks[state, 0] + m1 * blocks[state, 1] + m2 * blocks[state, 2] + m3
+    across = abs(m0) * blocks[state, 3] + abs(m1) * blocks[state, 4] + abs(m2) * blocks[state, 5]
+    across += SLACK
+    boxes[at, a] = max(boxes[at, a], middle - reach, other - across)
+    boxes[at, a + 3] = min(boxes[at, a + 3], middle + reach, other + across)
 
 
 @kernel
-def _stamp(marks, start, map_, point):
+def _touched(boxes, at, a, start, size):
+    # The first and the last of a window's voxels along an axis that meet a closed box.
+    first = np.int64(np.ceil(max(boxes[at, a], start - 2.0) - 1.0)) - start
+    last = np.int64(np.floor(min(boxes[at, a + 3], start + size + 2.0))) - start
+    return max(first, 0), min(last, size - 1)
+
+
+@kernel
+def _none_left(marks, x0, x1, y0, y1, z0, z1):
+    # Whether all voxels of a span are marked, if it is one of not too many.
+    if (x1 - x0 + 1) * (y1 - y0 + 1) * (z1 - z0 + 1) > ASKED:
+        return False
+    for i in range(x0, x1 + 1):
+        for j in range(y0, y1 + 1):
+            for k in range(z0, z1 + 1):
+                if marks[i, j, k] == 0:
+                    return False
+    return True
+
+
+@kernel
+def _mark(marks, x0, x1, y0, y1, z0, z1):
+    for i in range(x0, x1 + 1):
+        for j in range(y0, y1 + 1):
+            for k in range(z0, z1 + 1):
+                marks[i, j, k] = 1
+
+
+@kernel
+def _stamp(marks, start, nodes, at, points, state):
     # Mark the voxel of an attractor's point.
     inside = True
     place = (np.int64(0), np.int64(0), np.int64(0))
     for a in range(3):
-        value = map_[a, 3]
+        value = nodes[at, a, 3]
         for b in range(3):
-            value += map_[a, b] * point[b]
+            value += nodes[at, a, b] * points[state, b]
         value = np.floor(value) - start[a]
         inside = inside and value >= 0.0 and value < marks.shape[a]
         if inside:
             place = (place[1], place[2], np.int64(value))
     if inside:
         marks[place] = 1
+
+
+@kernel
+def _extend(nodes, boxes, at, parent, a, maps, child):
+    # An axis of a word's map and box, from those of the word without its last letter.
+    m0, m1, m2 = nodes[parent, a, 0], nodes[parent, a, 1], nodes[parent, a, 2]
+    for c in range(4):
+        nodes[at, a, c] = m0 * maps[child, 0, c] + m1 * maps[child, 1, c] + m2 * maps[child, 2, c]
+    nodes[at, a, 3] += nodes[parent, a, 3]
+    boxes[at, a], boxes[at, a + 3] = boxes[parent, a], boxes[parent, a + 3]
+
+
+@kernel
+def _half_diagonal(boxes, at, spacing):
+    total = 0.0
+    for a in range(3):
+        total += (0.5 * max(boxes[at, a + 3] - boxes[at, a], 0.0) * spacing[a]) ** 2
+    return np.sqrt(total)
 
 
 @kernel
@@ -103,7 +169,6 @@ def _descend(
     states,
     nodes,
     boxes,
-    span,
     top,
     budget,
 ):
@@ -111,7 +176,9 @@ def _descend(
     # and what is marked in the end depends neither on the order nor on the window. That is why
     # points are stamped at the ends only: the points of shorter words are those of longer ones, but
     # for rounding.
-    steps = 0
+    steps, parent = 0, len(states)
+    s0, s1, s2 = start[0], start[1], start[2]
+    n0, n1, n2 = marks.shape
     while top > 0 and steps < budget:
         many = first[states[top - 1] + 1] - first[states[top - 1]]
         if top + many > len(states):
@@ -119,38 +186,34 @@ def _descend(
         top -= 1
         state = states[top]
         # Its voxels may have been marked since by others.
-        if _touched(boxes[top], start, marks.shape, span) <= ASKED and all_marked(marks, span):
+        x0, x1 = _touched(boxes, top, 0, s0, n0)
+        y0, y1 = _touched(boxes, top, 1, s1, n1)
+        z0, z1 = _touched(boxes, top, 2, s2, n2)
+        if _none_left(marks, x0, x1, y0, y1, z0, z1):
             continue
-        m = nodes[top]
-        m00, m01, m02, m03 = m[0, 0], m[0, 1], m[0, 2], m[0, 3]
-        m10, m11, m12, m13 = m[1, 0], m[1, 1], m[1, 2], m[1, 3]
-        m20, m21, m22, m23 = m[2, 0], m[2, 1], m[2, 2], m[2, 3]
-        b0, b1, b2 = boxes[top, 0], boxes[top, 1], boxes[top, 2]
-        b3, b4, b5 = boxes[top, 3], boxes[top, 4], boxes[top, 5]
+        for a in range(3):  # out of its children's way
+            for c in range(4):
+                nodes[parent, a, c] = nodes[top, a, c]
+            boxes[parent, a], boxes[parent, a + 3] = boxes[top, a], boxes[top, a + 3]
         steps += many
         for child in range(first[state], first[state + 1]):
-            node, box = nodes[top], boxes[top]
-            for c in range(4):
-                t0, t1, t2 = maps[child, 0, c], maps[child, 1, c], maps[child, 2, c]
-                node[0, c] = m00 * t0 + m01 * t1 + m02 * t2
-                node[1, c] = m10 * t0 + m11 * t1 + m12 * t2
-                node[2, c] = m20 * t0 + m21 * t1 + m22 * t2
-            node[0, 3] += m03
-            node[1, 3] += m13
-            node[2, 3] += m23
-            box[0], box[1], box[2], box[3], box[4], box[5] = b0, b1, b2, b3, b4, b5
             target = targets[child]
-            _enclose(node, balls[target], blocks[target], box)
-            count = _touched(box, start, marks.shape, span)
-            if count == 0 or (count <= ASKED and all_marked(marks, span)):
+            for a in range(3):
+                _extend(nodes, boxes, top, parent, a, maps, child)
+                _enclose(nodes, boxes, top, a, balls, blocks, target)
+            x0, x1 = _touched(boxes, top, 0, s0, n0)
+            y0, y1 = _touched(boxes, top, 1, s1, n1)
+            z0, z1 = _touched(boxes, top, 2, s2, n2)
+            apart = x0 > x1 or y0 > y1 or z0 > z1
+            if apart or _none_left(marks, x0, x1, y0, y1, z0, z1):
                 continue
-            if first[target] < first[target + 1] and half_diagonal(box, spacing) > stop:
+            if first[target] < first[target + 1] and _half_diagonal(boxes, top, spacing) > stop:
                 states[top] = target
                 top += 1
             elif whole:
-                marks[span[0] : span[3] + 1, span[1] : span[4] + 1, span[2] : span[5] + 1] = 1
+                _mark(marks, x0, x1, y0, y1, z0, z1)
             else:
-                _stamp(marks, start, node, points[target])
+                _stamp(marks, start, nodes, top, points, target)
     return top, steps, False
 
 
@@ -202,12 +265,12 @@ class Descent:
         stack[0][0] = self.root[0]
         stack[1][0] = self.root[1]
         stack[2][0] = [-np.inf] * 3 + [np.inf] * 3
-        ball, block = (held[self.root[0]] for held in self.system[3:5])
-        _enclose(stack[1][0], ball, block, stack[2][0])
-        top, total, span = 1, 0, np.empty(6, np.int64)
+        for a in range(3):
+            _enclose(stack[1], stack[2], 0, a, *self.system[3:5], self.root[0])
+        top, total = 1, 0
         while top and total <= limit:
             top, steps, full = _descend(
-                self.marks, *self.given, *self.system, stop, whole, *stack, span, top, BUDGET
+                self.marks, *self.given, *self.system, stop, whole, *stack, top, BUDGET
             )
             total += steps
             if full:

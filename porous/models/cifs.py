@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -167,7 +167,7 @@ class CIFS(Value):
             self.automaton, frame, pattern, drawings=self.drawings, offset=self.offset
         )
 
-    def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
+    def cover(self, frame: Frame) -> tuple[NDArray[np.unsignedinteger[Any]], float]:
         """Return marks of every voxel that the body touches, and a Hausdorff bound."""
         if self.level != "limit":
             return self.body.cover(frame)

@@ -10,6 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from porous.kernels.clouds import Words
     from porous.kernels.cover import System
 
     Floats = NDArray[np.float64]
@@ -53,13 +54,13 @@ class Cloud(NamedTuple):
         parts = np.maximum(size * self.fineness, np.finfo(float).tiny)
         return np.asarray((APART / parts) ** self.dimension)
 
-
-class Words(NamedTuple):
-    """Words by their end states and their maps to a lattice."""
-
-    states: Indices
-    maps: Floats
-    """Shape (w, 3, 4)."""
+    @property
+    def widest(self) -> float:
+        """Half diagonal of the parts that ``WANTED`` points per voxel still go with, in voxels."""
+        # A cloud of one point does not become denser under longer words.
+        if not self.dimension:
+            return math.inf
+        return APART / (self.fineness * math.pow(WANTED, 1 / self.dimension))
 
 
 def clouds(system: System) -> tuple[Cloud, ...]:
@@ -68,50 +69,41 @@ def clouds(system: System) -> tuple[Cloud, ...]:
 
 
 def _cloud(system: System, state: int) -> Cloud:
-    words = Words(np.array([state]), np.eye(3, 4)[None])
-    whole = size = _sizes(system, words, np.ones(3)).max()
+    states, maps = np.array([state]), np.eye(3, 4)[None]
+    sizes = _sizes(system, states, maps)
+    whole = size = float(sizes.max())
     while size > 0:
-        finer = opened(system, words, _sizes(system, words, np.ones(3)) >= SMALLER * size)
-        if len(finer.states) > POINTS:
+        wide = sizes >= SMALLER * size
+        fan = system.first[states + 1] - system.first[states]
+        if fan[wide].sum() + (~wide).sum() > POINTS:
             break
-        words = finer
-        shrunk = _sizes(system, words, np.ones(3)).max()
-        if len(words.states) == 1 and shrunk < whole * np.finfo(float).eps:
+        opened = _opened(system, states[wide], maps[wide], fan[wide])
+        finer = _sizes(system, *opened)
+        states = np.concatenate([states[~wide], opened[0]])
+        maps = np.concatenate([maps[~wide], opened[1]])
+        sizes = np.concatenate([sizes[~wide], finer])
+        shrunk = float(sizes.max(initial=0.0))
+        if len(states) == 1 and shrunk < whole * np.finfo(float).eps:
             break
         size = shrunk
-    points = np.einsum("wab,wb->wa", words.maps[:, :, :3], system.points[words.states])
-    points = np.random.default_rng(0).permutation(points + words.maps[:, :, 3])
-    return Cloud(np.ascontiguousarray(points.T), float(size / whole) if whole else 0.0)
+    points = np.einsum("wab,wb->wa", maps[:, :, :3], system.points[states]) + maps[:, :, 3]
+    points = np.random.default_rng(0).permutation(points)
+    return Cloud(np.ascontiguousarray(points.T), size / whole if whole else 0.0)
 
 
-def _sizes(system: System, words: Words, spacing: Floats) -> Floats:
-    """Return half diagonals of boxes that hold the words' parts, in units of length."""
-    reach = np.linalg.norm(words.maps[:, :, :3], axis=2) * system.balls[words.states, 3:]
-    return np.asarray(np.linalg.norm(reach * spacing, axis=1))
+def _sizes(system: System, states: Indices, maps: Floats) -> Floats:
+    """Return half diagonals of boxes that hold the words' parts."""
+    return np.asarray(np.linalg.norm(maps[:, :, :3], axis=(1, 2)) * system.balls[states, 3])
 
 
-def boxes(system: System, words: Words) -> tuple[Floats, Floats]:
-    """Return lower and upper corners (w, 3) of boxes that hold the words' parts."""
-    linear, shift = words.maps[:, :, :3], words.maps[:, :, 3]
-    ball, block = system.balls[words.states], system.blocks[words.states]
-    middle = np.einsum("wab,wb->wa", linear, ball[:, :3]) + shift
-    reach = np.linalg.norm(linear, axis=2) * ball[:, 3:]
-    other = np.einsum("wab,wb->wa", linear, block[:, :3]) + shift
-    across = np.einsum("wab,wb->wa", np.abs(linear), block[:, 3:])
-    return np.maximum(middle - reach, other - across), np.minimum(middle + reach, other + across)
-
-
-def opened(system: System, words: Words, which: NDArray[np.bool_]) -> Words:
-    """Return the words with some replaced by all that are one longer."""
-    wide = Words(words.states[which], words.maps[which])
-    fan = system.first[wide.states + 1] - system.first[wide.states]
+def _opened(system: System, states: Indices, maps: Floats, fan: Indices) -> tuple[Indices, Floats]:
+    """Return all words that are one letter longer, of which each has ``fan``."""
     parent = np.repeat(np.arange(len(fan)), fan)
-    child = system.first[wide.states[parent]] + np.arange(len(parent))
+    child = system.first[states[parent]] + np.arange(len(parent))
     child -= np.repeat(np.cumsum(fan) - fan, fan)
-    maps = np.einsum("wab,wbc->wac", wide.maps[parent, :, :3], system.maps[child])
-    maps[:, :, 3] += wide.maps[parent, :, 3]
-    states = np.concatenate([words.states[~which], system.targets[child]])
-    return Words(states, np.concatenate([words.maps[~which], maps]))
+    finer = maps[parent, :, :3] @ system.maps[child]
+    finer[:, :, 3] += maps[parent, :, 3]
+    return system.targets[child], finer
 
 
 def fitting(
@@ -124,59 +116,45 @@ def fitting(
     Where they would draw more than ``MOST_POINTS`` points per voxel, longer ones than those so far
     are left.
     """
+    from porous.kernels.clouds import fit
+
     count = np.array([cloud.points.shape[1] for cloud in found])
-    words = Words(np.array([root[0]]), root[1][None])
-    while True:
-        lower, upper = boxes(system, words)
-        near = (upper > -MARGIN).all(axis=1) & (lower < shape + MARGIN).all(axis=1)
-        words = Words(words.states[near], words.maps[near])
-        wide = _per_voxel(system, found, words, h) < WANTED
-        finer = opened(system, words, wide)
-        if not wide.any() or count[finer.states].sum() > MOST_POINTS * shape.prod() + count.max():
-            return words
-        words = finer
-
-
-def _per_voxel(system: System, found: tuple[Cloud, ...], words: Words, h: Floats) -> Floats:
-    size = _sizes(system, words, h) / h.min()
-    each = np.stack([cloud.per_voxel(size) for cloud in found])
-    # A cloud of one point does not become denser under longer words.
-    alone = np.array([not cloud.dimension for cloud in found])
-    return np.where(alone[words.states], np.inf, each[words.states, np.arange(len(size))])
+    return fit(
+        system,
+        root,
+        shape,
+        h,
+        widest=np.array([cloud.widest for cloud in found]) * h.min(),
+        counts=count,
+        most=MOST_POINTS * int(shape.prod()) + int(count.max()),
+        margin=MARGIN,
+    )
 
 
 def stamp_points(
-    marks: NDArray[np.uint8],
-    system: System,
-    found: tuple[Cloud, ...],
-    root: tuple[int, Floats],
-    spacing: Floats,
-) -> bool:
-    """Mark voxels of a window that hold points of the attractor; tell whether it may touch any.
+    marks: NDArray[np.uint8], found: tuple[Cloud, ...], words: Words, h: Floats
+) -> None:
+    """Mark voxels of a window that hold points of the attractor.
 
     Parameters
     ----------
     marks
         uint8, shape (nx, ny, nz); set to one.
-    system, found
-        The automaton and its states' clouds.
-    root
-        The start state and the map (3, 4) of its space to the window's voxels.
-    spacing
+    found
+        The states' clouds.
+    words
+        Those that fit the window.
+    h
         Edge lengths of a voxel, (3,).
     """
     from porous.kernels.clouds import stamp
 
-    shape = np.array(marks.shape)
-    words = fitting(system, found, root, shape, spacing)
-    lower, upper = boxes(system, words)
-    inside = (lower > MARGIN).all(axis=1) & (upper < shape - MARGIN).all(axis=1)
-    dense = _per_voxel(system, found, words, spacing)
     for state, cloud in enumerate(found):
+        own = words.states == state
         for within in (True, False):
-            chosen = (words.states == state) & (inside == within)
+            chosen = own & (words.inside == within)
             if chosen.any():
-                share = min(1.0, WANTED / float(dense[chosen].mean()))
+                dense = float(cloud.per_voxel(words.sizes[chosen] / h.min()).mean())
+                share = min(1.0, WANTED / dense) if cloud.dimension else 1.0
                 some = cloud.points[:, : max(1, math.ceil(share * cloud.points.shape[1]))]
                 stamp(marks, words.maps[chosen], some, inside=within)
-    return bool(len(words.states))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import ModelError
-from porous.models.clouds import clouds, stamp_points
+from porous.models.clouds import clouds, fitting, stamp_points
 from porous.models.net import Net, Window, split_cells
 from porous.models.overlap import overlaps, reference
 from porous.values import CENTRE
@@ -37,9 +37,9 @@ MOST_STEPS = 20_000_000
 STEPS_PER_VOXEL = 300
 """Words that a descent may look at: at least, and per voxel of its window."""
 
-MOST_WORDS = 4096
+MOST_WORDS = 512
 ROUNDS = 8
-"""Words that tighten the enclosures, and how often they do."""
+"""Words that tighten the enclosures, and how often they do; eight times as many gain 1 %."""
 
 TIGHT = 1 + 1e-9
 """Enclosures are larger by this against rounding."""
@@ -57,7 +57,7 @@ def cover_attractor(
     *,
     offset: float = 0.0,
     fine: int = FINE,
-) -> tuple[NDArray[np.uint64], float]:
+) -> tuple[NDArray[np.uint8], float]:
     """Mark every voxel that an attractor touches, possibly a few more, with a Hausdorff bound.
 
     Words are descended with boxes that are certain to hold their part of the attractor, each
@@ -85,7 +85,7 @@ def cover_attractor(
 
     Returns
     -------
-    uint64 marks of shape ``frame.shape``, 0 or 1; the bound in the frame's unit.
+    uint8 marks of shape ``frame.shape``, 0 or 1; the bound in the frame's unit.
 
     Raises
     ------
@@ -96,12 +96,11 @@ def cover_attractor(
         net = _net(automaton, balls, frame, offset + frame.diagonal)
         reach = offset + net.error + frame.diagonal / 2
         masks = net.grown(frame, CENTRE, reach)
-        return masks, (frame.diagonal + 2 * net.error) * ROUNDING
+        return (masks != 0).view(np.uint8), (frame.diagonal + 2 * net.error) * ROUNDING
     h = min(frame.spacing)
     window = _Window.of(frame)
     marks = window.covered(automaton, balls, _root(automaton, frame, 1), h / fine)
-    masks = marks.astype(np.uint64) if marks.any() else np.zeros(marks.shape, np.uint64)
-    return masks, (frame.diagonal + 2 * h / fine) * ROUNDING
+    return marks, (frame.diagonal + 2 * h / fine) * ROUNDING
 
 
 def sample_attractor(
@@ -142,12 +141,14 @@ class _Window(Window):
         self, automaton: Automaton, balls: Floats, root: tuple[int, Floats], size: float
     ) -> NDArray[np.uint8]:
         """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1."""
-        marks, given = self.empty(), balls.tobytes()
+        given = balls.tobytes()
         here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
-        system = _system(automaton, given)
-        found = _clouds(automaton, given)
-        if not stamp_points(marks, system, found, (root[0], here), self.spacing):
+        system, found = _with_clouds(automaton, given)
+        words = fitting(system, found, (root[0], here), self.shape, self.spacing)
+        marks = self.empty()
+        if not len(words.states):
             return marks
+        stamp_points(marks, found, words, self.spacing)
         if overlaps(system):
             self._seek(marks, system, _reference(automaton, given), root, size)
         else:
@@ -266,6 +267,12 @@ def _clouds(automaton: Automaton, given: bytes) -> tuple[Cloud, ...]:
     return clouds(_system(automaton, given))
 
 
+def _with_clouds(automaton: Automaton, given: bytes) -> tuple[System, tuple[Cloud, ...]]:
+    """Return what windows are covered with; threads that want the same wait for one."""
+    with _ONE_AT_A_TIME:
+        return _system(automaton, given), _clouds(automaton, given)
+
+
 @lru_cache(maxsize=4)
 def _known(automaton: Automaton, given: bytes) -> Reference:
     return reference(_system(automaton, given))
@@ -317,6 +324,8 @@ def _held(
     ends: Indices, maps: Floats, norms: Floats, balls: Floats, blocks: Floats
 ) -> tuple[Floats, Floats]:
     """Return a ball (4,) and a box (6,) that hold the images of the ends' balls and boxes."""
+    from porous.kernels.cover import about
+
     linear, shift = maps[:, :, :3], maps[:, :, 3]
     middle = np.einsum("kab,kb->ka", linear, balls[ends, :3]) + shift
     reach = np.linalg.norm(linear, axis=2) * balls[ends, 3:]
@@ -326,11 +335,7 @@ def _held(
     upper = np.minimum(middle + reach, other + across).max(axis=0)
     block = np.concatenate([(lower + upper) / 2, (upper - lower) / 2 * TIGHT])
     radii = norms * balls[ends, 3]
-    centre = block[:3]
-    for step in range(1, 65):  # towards the furthest image: Bădoiu and Clarkson 2003
-        far = np.linalg.norm(middle - centre, axis=1) + radii
-        centre = centre + (middle[far.argmax()] - centre) / (step + 1)
-    radius = (np.linalg.norm(middle - centre, axis=1) + radii).max()
+    centre, radius = about(middle, radii, block[:3])
     return np.append(centre, radius * TIGHT), block
 
 

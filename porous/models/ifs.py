@@ -231,7 +231,7 @@ class IFS(Value):
             self.plain_digits, self.level, self.primitive.box, frame, pattern, progress=progress
         )
 
-    def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
+    def cover(self, frame: Frame) -> tuple[NDArray[np.unsignedinteger[Any]], float]:
         """Return marks of every voxel that the body touches, and a Hausdorff bound."""
         from porous.models import rasterise
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ class Model(Protocol):
 class HasCover(Protocol):
     """A model whose closed set can be covered with a certificate."""
 
-    def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
+    def cover(self, frame: Frame) -> tuple[NDArray[np.unsignedinteger[Any]], float]:
         """Return a mark for every voxel that the set touches, possibly a few more, and a bound.
 
         The bound is on the Hausdorff distance between the marked voxels and the set, in the
