@@ -31,9 +31,6 @@ SLAB = 8192
 DEPTH = 128
 """Triangles of one task; places on the stack of one that goes down the tree."""
 
-BYTES = 250
-"""Memory per triangle while they are sought, about."""
-
 
 @kernel
 def _plus(u, v):
