@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from porous.measures import measure
 from porous.models.model import HasBoundary
-from porous.values import Measures, VoxelGrid
+from porous.values import Measures
 from porous.values.measure import SUBJECTS
 from porous.values.value import Value
 
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from porous.models.model import Model
-    from porous.values import Measure, SurfaceMesh, VolumeMesh
+    from porous.stages import StreamedSurface
+    from porous.values import Measure, SurfaceMesh, Tiled, VolumeMesh
 
 TARGETS: Mapping[str, float] = MappingProxyType(
     {
@@ -110,8 +111,8 @@ class Certificate(Value):
 
 def certify(
     model: Model | None = None,
-    grid: VoxelGrid | None = None,
-    surface: SurfaceMesh | None = None,
+    grid: Tiled | None = None,
+    surface: SurfaceMesh | StreamedSurface | None = None,
     volume: VolumeMesh | None = None,
     *,
     measures: Measures | None = None,
@@ -186,8 +187,8 @@ def _only_grid_differs(rows: dict[str, Measure]) -> bool:
 
 def _measured(
     model: Model | None,
-    grid: VoxelGrid | None,
-    surface: SurfaceMesh | None,
+    grid: Tiled | None,
+    surface: SurfaceMesh | StreamedSurface | None,
     volume: VolumeMesh | None,
 ) -> Measures:
     subjects = [subject for subject in (model, grid, surface, volume) if subject is not None]
@@ -251,7 +252,7 @@ def _verdict(row: Measure, reference: Measure, tolerance: float) -> str:
     return "differ" if _certain(reference) or gap > allowed + _width(reference) else "unknown"
 
 
-def _lattice(measures: Measures, grid: VoxelGrid | None) -> int | None:
+def _lattice(measures: Measures, grid: Tiled | None) -> int | None:
     """Return how many smallest features make the longest edge, where that is a whole number."""
     if grid is None or "smallest_feature" not in measures:
         return None

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from porous.pipeline import Result
     from porous.recipe import Recipe
     from porous.values import Measures
+    from porous.values.tiled import Map
 
 app = App(
     name="porous",
@@ -56,6 +57,14 @@ Voxels = Annotated[
 ]
 Memory = Annotated[
     str | None, Parameter(name="--max-memory", help="Memory that may be taken, such as 8G.")
+]
+Cluster = Annotated[
+    str | None,
+    Parameter(
+        name="--cluster",
+        help="Work out of core on Dask's workers: tcp://host:port of a scheduler whose workers see "
+        "the folder, or local:2 for so many processes here.",
+    ),
 ]
 Json = Annotated[
     bool, Parameter(name="--json", negative="", show_default=False, help="Print JSON.")
@@ -109,6 +118,19 @@ def make(
             help="Make no more than that: model, voxels, surface, volume, simulation or measures."
         ),
     ] = None,
+    out_of_core: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            show_default=False,
+            help="Keep voxels and surface on disk, tile by tile: for more than memory holds. "
+            "What is done stays; porous resume goes on with it.",
+        ),
+    ] = False,
+    chunk: Annotated[
+        int | None, Parameter(help="Voxels along the edges of a chunk that is stored out of core.")
+    ] = None,
+    cluster: Cluster = None,
     as_json: Json = False,
     max_memory: Memory = None,
 ) -> None:
@@ -116,12 +138,57 @@ def make(
     from porous import workspace
 
     with _memory(max_memory), _of(source), _Progress() as progress:
-        made = workspace.make(_load(source, values, voxels), out, only=only, progress=progress)
+        recipe = _load(source, values, voxels)
+        if out_of_core or cluster is not None:
+            how = {} if chunk is None else {"chunk": chunk}
+            with _workers(cluster) as map_:
+                made = workspace.make_stored(
+                    recipe, out, only=only, map=map_, progress=progress, **how
+                )
+        else:
+            made = workspace.make(recipe, out, only=only, progress=progress)
+    _print_made(made, out, as_json=as_json)
+
+
+@app.command
+def resume(
+    folder: Annotated[Path, Parameter(help="What porous make --out-of-core was to fill.")],
+    *,
+    cluster: Cluster = None,
+    as_json: Json = False,
+    max_memory: Memory = None,
+) -> None:
+    """Go on with what porous make --out-of-core has begun, or mend what of it was damaged."""
+    from porous import workspace
+
+    if workspace.is_whole(folder):
+        print(f"{folder}: is whole; there is nothing to do")
+        return
+    with _memory(max_memory), _Progress() as progress, _workers(cluster) as map_:
+        made = workspace.resume(folder, map=map_, progress=progress)
+    _print_made(made, folder, as_json=as_json)
+
+
+@contextlib.contextmanager
+def _workers(address: str | None) -> Iterator[Map]:
+    """Give what calls a function for every tile: here, or on the workers of a cluster."""
+    if address is None:
+        yield map
+        return
+    from porous.scale.cluster import Cluster
+
+    with Cluster.connect(address) as cluster:
+        yield cluster.map
+
+
+def _print_made(made: Result, folder: Path, *, as_json: bool) -> None:
+    from porous import workspace
+
     if as_json:
-        print((out / workspace.LAST).read_text(encoding="utf-8"), end="")
+        print((folder / workspace.LAST).read_text(encoding="utf-8"), end="")
         return
     _print_result(made, every=False)
-    print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
+    print(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
 @app.command

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import secrets
 import shutil
@@ -20,6 +21,8 @@ TEMPORARY = ".porous-"
 """How the names of unfinished files begin; they stand beside the file that they will become."""
 CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP)
 """What file systems answer that cannot put a folder on the platter."""
+CANNOT_LOCK = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.ENOLCK, errno.EBADF)
+"""What file systems answer that know no locks."""
 
 
 def write_bytes(path: str | Path, chunks: bytes | Iterable[bytes]) -> None:
@@ -120,6 +123,36 @@ def remove(path: str | Path) -> None:
         _name(path).unlink(missing_ok=True)
     except OSError as error:
         raise DiskError(f"{path}: cannot be removed: {_reason(error)}") from None
+
+
+@contextlib.contextmanager
+def locked(folder: str | Path) -> Iterator[None]:
+    """Let nobody else who asks for it work in a folder meanwhile; death gives it free again.
+
+    File systems that know no locks give none.
+
+    Raises
+    ------
+    DiskError
+        At once where somebody else has it, or the folder cannot be opened.
+    """
+    with _refusals(Path(folder)):
+        handle = os.open(_name(folder), os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        _lock(handle, Path(folder))
+        yield
+    finally:
+        os.close(handle)
+
+
+def _lock(handle: int, folder: Path) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise DiskError(f"{folder}: another porous is at work there; wait for it") from None
+    except OSError as error:
+        if error.errno not in CANNOT_LOCK:
+            raise DiskError(f"{folder}: cannot be locked: {_reason(error)}") from None
 
 
 @contextlib.contextmanager

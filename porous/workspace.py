@@ -1,26 +1,31 @@
-"""A recipe into a folder of files: all of them, or nothing."""
+"""A recipe into a folder of files: all of them or nothing, or out of core and to be resumed."""
 
 from __future__ import annotations
 
+import builtins
+import hashlib
 import json
 import math
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from porous import disk, pipeline
-from porous.errors import FormatError
-from porous.recipe import dump, files, with_files
+from porous.errors import FormatError, RecipeError
+from porous.recipe import dump, files, load, with_files
+from porous.scale import CHUNK
+from porous.values import SurfaceMesh, VoxelGrid
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from porous.pipeline import Progress, Result
     from porous.recipe import Recipe
+    from porous.values.tiled import Map
 
-LAST = "measures.json"
-"""A folder that has this file is whole."""
+LOG, LAST = "log.json", "measures.json"
+"""Times and versions; and what comes last: a folder that has this file is whole."""
 
 KINDS = {"tet4": "tets", "tet10": "tets", "hex8": "hexes"}
 """What the files of a volume mesh are called, by the shape of its cells; ``cells`` where they are
@@ -31,9 +36,12 @@ KNOWN = (
     "surface.stl",
     *(f"{kind}.{suffix}" for kind in ("tets", "hexes", "cells") for suffix in ("vtu", "inp")),
     "report.html",
-    "log.json",
+    LOG,
 )
 """What else a folder may hold; what a new run does not write would belong to another recipe."""
+
+UNFINISHED = "unfinished.json"
+"""A folder that has this file is to be gone on with; it says what was asked for."""
 
 
 def make(
@@ -57,21 +65,190 @@ def make(
     ------
     DiskError
         Where the folder cannot be written to.
+    RecipeError
+        Where the folder holds a store of voxels of another recipe: that may have cost days.
     PorousError
         As ``run``.
     """
+    _check_store(Path(folder), recipe)
     with disk.staging(folder) as stage:
         result = pipeline.run(recipe, only=only, progress=progress)
         local, text = _localised(recipe, stage)
         disk.write_bytes(stage / "recipe.toml", text.encode())
-        for name, value in _artefacts(result):
-            _write(value, stage / name)
-        if only is None:
-            _report(replace(result, recipe=local), stage / "report.html", progress)
-        disk.write_bytes(stage / "log.json", _json(_log(result)))
-        disk.write_bytes(stage / LAST, _json(record(replace(result, recipe=local))))
+        _finish(replace(result, recipe=local), stage, only=only, progress=progress)
         disk.commit(stage, folder, last=LAST, stale=_stale(Path(folder), text))
     return result
+
+
+def make_stored(
+    recipe: Recipe,
+    folder: str | Path,
+    *,
+    only: str | None = None,
+    chunk: int = CHUNK,
+    map: Map = builtins.map,  # noqa: A002
+    progress: Progress | None = None,
+) -> Result:
+    """Do what ``make`` does where voxels and surface need not fit into memory.
+
+    The voxels are in ``grid.zarr`` then, a Zarr store with a manifest, and not in ``grid.vti``. The
+    folder keeps what was done, whatever ends the work, and ``resume`` goes on with it; so does this
+    where the recipe is the same.
+
+    Parameters
+    ----------
+    recipe, folder, only, progress
+        As for ``make``.
+    chunk
+        Voxels along the edges of a stored chunk; a store that is there keeps its own.
+    map
+        How a function is called for every tile; see ``run_stored``.
+
+    Raises
+    ------
+    DiskError
+        Where the folder cannot be written to, or another porous is at work there.
+    RecipeError
+        Where the folder holds a store of another recipe.
+    PorousError
+        As ``run_stored``; what was done stays.
+    """
+    place = disk.make_folder(folder)
+    with disk.locked(place):
+        _check_store(place, recipe)
+        disk.sweep(place)
+        return _stored(recipe, place, _How(only, chunk, map, progress))
+
+
+def resume(
+    folder: str | Path,
+    *,
+    map: Map = builtins.map,  # noqa: A002
+    progress: Progress | None = None,
+) -> Result:
+    """Go on with what ``make_stored`` has begun, or mend it: with the bytes it would have had.
+
+    Parameters
+    ----------
+    folder
+        What ``make_stored`` was given.
+    map, progress
+        As for ``make_stored``.
+
+    Raises
+    ------
+    FormatError
+        Where there is nothing to go on with.
+    PorousError
+        As ``make_stored``.
+    """
+    place = Path(folder)
+    recipe, only = _begun(place)
+    with disk.locked(place):
+        disk.sweep(place)
+        return _stored(recipe, place, _How(only, CHUNK, map, progress))
+
+
+def is_whole(folder: str | Path) -> bool:
+    """Return whether ``resume`` has nothing to do: all is done, every byte of the store is right.
+
+    Raises
+    ------
+    FormatError
+        Where there is nothing that ``make_stored`` has begun.
+    """
+    from porous.scale import Store
+
+    place = Path(folder)
+    _begun(place)
+    if (place / UNFINISHED).exists() or not (place / LAST).exists():
+        return False
+    store = place / pipeline.STORE
+    try:
+        return not store.exists() or not Store.open(store).verify()
+    except FormatError:
+        return False
+
+
+class _How(NamedTuple):
+    """What ``make_stored`` was asked for besides a recipe."""
+
+    only: str | None
+    chunk: int
+    map: Map
+    progress: Progress | None
+
+
+def _stored(recipe: Recipe, place: Path, how: _How) -> Result:
+    local = with_files(recipe, _names(recipe))
+    text = dump(local)
+    contents = [_content(path) for _, path in sorted(files(recipe).items())]
+    result = pipeline.run_stored(
+        recipe,
+        place,
+        identity=hashlib.sha256(b"".join((text.encode(), *contents))).hexdigest(),
+        begin=lambda: _begin(recipe, place, how.only),
+        **how._asdict(),
+    )
+    with disk.staging(place) as stage:
+        result = replace(result, recipe=local)
+        _finish(result, stage, only=how.only, progress=how.progress)
+        disk.commit(stage, place, last=LAST)
+    disk.remove(place / UNFINISHED)
+    return result
+
+
+def _begin(recipe: Recipe, place: Path, only: str | None) -> None:
+    """Say in the folder what is being made; what was made of another recipe goes."""
+    from porous.scale import seal
+
+    with disk.staging(place) as stage:
+        _, text = _localised(recipe, stage)
+        if not _stale(place, text) and (place / UNFINISHED).exists() and _asked(place) == only:
+            return
+        disk.write_bytes(stage / "recipe.toml", text.encode())
+        disk.write_bytes(stage / UNFINISHED, seal({"only": only, "version": version("porous")}))
+        disk.commit(stage, place, last=UNFINISHED, stale=(LAST, *_stale(place, text)))
+
+
+def _begun(place: Path) -> tuple[Recipe, str | None]:
+    """Return the recipe of a folder that ``make_stored`` has begun, and what was asked for."""
+    path = place / "recipe.toml"
+    begun = any((place / name).exists() for name in (UNFINISHED, pipeline.STORE, LAST))
+    if not path.is_file() or not begun:
+        raise FormatError(
+            f"{place}: holds nothing to go on with; wanted a folder that `porous make "
+            "--out-of-core` has begun"
+        )
+    return load(path), _asked(place)
+
+
+def _asked(place: Path) -> str | None:
+    """Return what was asked for, of an unfinished folder or of a finished one."""
+    from porous.scale import read_sealed
+
+    path = place / UNFINISHED
+    if path.exists():
+        asked = read_sealed(path).get("only")
+    else:
+        try:
+            asked = json.loads((place / LOG).read_text()).get("only")
+        except (OSError, ValueError, AttributeError):
+            asked = None
+    return asked if asked in pipeline.WANTED else None
+
+
+def _check_store(place: Path, recipe: Recipe) -> None:
+    """Refuse a folder with a store of another recipe."""
+    if not (place / pipeline.STORE).exists():
+        return
+    text = dump(with_files(recipe, _names(recipe)))
+    path = place / "recipe.toml"
+    if not path.is_file() or path.read_bytes() != text.encode():
+        raise RecipeError(
+            f"{place}: holds the voxels of another recipe ({pipeline.STORE}); choose another "
+            "folder, or remove it"
+        )
 
 
 def write_measures(result: Result, folder: str | Path) -> None:
@@ -110,11 +287,27 @@ def _row(value: Any) -> dict[str, Any]:
     }
 
 
+def _finish(result: Result, stage: Path, *, only: str | None, progress: Progress | None) -> None:
+    """Write all that came of a recipe, but for the recipe itself."""
+    for name, value in _artefacts(result):
+        _write(value, stage / name)
+    if only is None:
+        _report(result, stage / "report.html", progress)
+    disk.write_bytes(stage / LOG, _json({"only": only, **_log(result)}))
+    disk.write_bytes(stage / LAST, _json(record(result)))
+
+
+def _names(recipe: Recipe) -> dict[str, Path]:
+    """Return how the files that a recipe reads are called in the folder, by key path."""
+    return {
+        key: Path(f"{key.rpartition('.')[2]}{path.suffix}") for key, path in files(recipe).items()
+    }
+
+
 def _localised(recipe: Recipe, stage: Path) -> tuple[Recipe, str]:
     """Copy the files that a recipe reads beside it; return the recipe that means the copies."""
-    names: dict[str, Path] = {}
+    names = _names(recipe)
     for key, path in files(recipe).items():
-        names[key] = Path(f"{key.rpartition('.')[2]}{path.suffix}")
         disk.write_bytes(stage / names[key], _content(path))
     local = with_files(recipe, names)
     return local, dump(local)
@@ -128,9 +321,9 @@ def _content(path: Path) -> bytes:
 
 
 def _artefacts(result: Result) -> Iterator[tuple[str, Any]]:
-    if result.grid is not None:
+    if isinstance(result.grid, VoxelGrid):
         yield "grid.vti", result.grid
-    if result.surface is not None:
+    if isinstance(result.surface, SurfaceMesh):
         yield "surface.stl", result.surface
     if result.volume is not None:
         shape = result.volume.blocks[0].shape

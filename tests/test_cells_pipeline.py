@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bent_cells import BentCells, gauss
 
-from porous import extract_surface, hexahedralize, mesh_cells, pipeline, voxelize
+from porous import extract_surface, hexahedralize, mesh_cells, voxelize
 from porous.certificate import certify
 from porous.errors import MeshError, ModelError, ViewError
 from porous.formats import read
@@ -280,7 +280,7 @@ def recipe(monkeypatch):
     monkeypatch.setattr("porous.report._report.picture", refuse)
 
     def of(model, **values):
-        monkeypatch.setattr("porous.pipeline.build", lambda _: model)
+        monkeypatch.setattr("porous.pipeline._work.build", lambda _: model)
         chosen = {key.replace("__", "."): value for key, value in values.items()}
         return load("menger", set={"voxels.voxels": 20, **chosen})
 
@@ -327,7 +327,7 @@ def test_cells_that_are_too_much_are_told_and_voxels_take_over(recipe, monkeypat
         def cell_mesh(self):
             raise MeshError("level 9 is too much")
 
-    monkeypatch.setattr(pipeline, "TETWILD_TRIANGLES", 0)
+    monkeypatch.setattr("porous.pipeline._work.TETWILD_TRIANGLES", 0)
     model = Large(ring())
     result = run(recipe(model), only="volume")
     assert not result.volume.is_of_cells
@@ -359,7 +359,7 @@ def test_what_has_no_cells_says_what_it_has():
 
 
 def test_covers_and_tiles_are_not_the_models_cells(recipe, monkeypatch):
-    monkeypatch.setattr(pipeline, "TETWILD_TRIANGLES", 0)
+    monkeypatch.setattr("porous.pipeline._work.TETWILD_TRIANGLES", 0)
     model = BentCells(ring())
     for values in ({"voxels__sampling": "cover"}, {"voxels__periodic": [True, False, False]}):
         assert not run(recipe(model, **values), only="volume").volume.is_of_cells

@@ -6,7 +6,6 @@ import pickle
 
 import pytest
 
-from porous import pipeline
 from porous.errors import Cancelled, GridError, ModelError, RecipeError
 from porous.pipeline import WANTED, run
 from porous.recipe import load, parse
@@ -94,7 +93,7 @@ def test_what_has_no_exact_boundary_is_taken_from_voxels_and_said(monkeypatch):
 
 
 def test_large_surfaces_are_filled_with_hexahedra_and_it_is_said(monkeypatch):
-    monkeypatch.setattr(pipeline, "TETWILD_TRIANGLES", 10)
+    monkeypatch.setattr("porous.pipeline._work.TETWILD_TRIANGLES", 10)
     result = run(load("menger", set={**COARSE, "volume.method": "auto"}), only="volume")
     assert result.volume.blocks[0].shape == "hex8"
     assert "one hexahedron per solid voxel" in result.notes[0]

@@ -4,6 +4,7 @@ Measures of a grid are folds: counts of tiles that add up, and what follows from
 """
 
 from porous.measures._boxes import box_counts, box_dimension
+from porous.measures._census import Census
 from porous.measures._fold import fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
 from porous.measures._measure import measure
@@ -39,6 +40,7 @@ from porous.measures._topology import (
 from porous.measures._volume import volume
 
 __all__ = [
+    "Census",
     "affinity_dimension",
     "box_counts",
     "box_dimension",

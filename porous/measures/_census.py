@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.measures._connected import PieceCounts, Pieces
-    from porous.measures._fold import Count, Index, Map, Progress, Tile
+    from porous.measures._fold import Count, Index, Progress, Tile
     from porous.values import Frame
-    from porous.values.tiled import Tiled
+    from porous.values.tiled import Map, Tiled
 
     Bytes = NDArray[np.uint8]
     Ints = NDArray[np.int64]
@@ -174,7 +174,11 @@ class _Coarse:
 
 
 def _tiles(source: Tiled) -> tuple[Tile, ...]:
-    return source.tiles if isinstance(source, Chunked) else tiles_of(source.frame.shape)
+    if not isinstance(source, Chunked):
+        return tiles_of(source.frame.shape)
+    start, stop = source.tiles[0]
+    x, y, z = (b - a for a, b in zip(start, stop, strict=True))
+    return tiles_of(source.frame.shape, chunk=(x, y, z))
 
 
 def _lattice(frame: Frame) -> tuple[Index, tuple[bool, bool, bool]]:
@@ -225,6 +229,20 @@ class Census:
         self.tiles = _tiles(source) if tiles is None else tuple(tiles)
         self._map = map
         self._sums: dict[Count, Any] = {}
+
+    @classmethod
+    def of(
+        cls,
+        source: Tiled | Census,
+        *,
+        tiles: Sequence[Tile] | None = None,
+        sampled: bool = False,
+        map: Map = builtins.map,  # noqa: A002
+    ) -> Census:
+        """Return the census of a grid; one that has been begun is gone on with."""
+        if isinstance(source, Census):
+            return source
+        return cls(source, tiles=tiles, sampled=sampled, map=map)
 
     @property
     def frame(self) -> Frame:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.values import Frame
-    from porous.values.tiled import Tiled
+    from porous.values.tiled import Map, Tiled
 
     Axes = tuple[bool, bool, bool]
     Index = tuple[int, int, int]
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     Bytes = NDArray[np.uint8]
     Voxels = tuple[Bytes, Bytes | None]
     Count = Callable[[Tiled, Index, Index], Any]
-    Map = Callable[[Callable[[Tile], Any], Iterable[Tile]], Iterable[Any]]
     Progress = Callable[[int, int], None]
 
 C = TypeVar("C", bound=Any)

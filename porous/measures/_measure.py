@@ -6,6 +6,7 @@ import builtins
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from porous.errors import MeshError
 from porous.measures import _boxes, _pores, _porosity, _surface_area, _topology
 from porous.measures._census import Census
 from porous.measures._mesh import (
@@ -20,8 +21,10 @@ from porous.measures._mesh import (
 )
 from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
+from porous.measures._streamed import streamed_rows
 from porous.measures._surface_area import surface_doubt
 from porous.models.model import HasBulk, HasCells, HasExact
+from porous.stages import StreamedSurface
 from porous.values import Measures, SurfaceMesh, Tiled, VolumeMesh
 from porous.values.surface_topology import check_closed
 from porous.values.volume_topology import hung_by_faces
@@ -30,11 +33,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from porous.measures._answer import Table
-    from porous.measures._fold import Map, Tile
+    from porous.measures._fold import Tile
     from porous.models.model import Model
     from porous.values import Measure
+    from porous.values.tiled import Map
 
-    Subject = Model | Tiled | SurfaceMesh | VolumeMesh
+    Subject = Model | Tiled | Census | SurfaceMesh | StreamedSurface | VolumeMesh
     Progress = Callable[[str, float], None]
     Axes = tuple[bool, bool, bool]
 
@@ -55,7 +59,7 @@ def measure(
     subject: Subject,
     *,
     model: Model | None = None,
-    grid: Tiled | None = None,
+    grid: Tiled | Census | None = None,
     tiles: Sequence[Tile] | None = None,
     map: Map = builtins.map,  # noqa: A002
     progress: Progress | None = None,
@@ -66,7 +70,9 @@ def measure(
     ----------
     subject
         What to measure. A model gives its closed forms and dimensions. A grid need not lie in
-        memory: whatever gives out boxes of one (``values.Tiled``) is measured tile by tile.
+        memory: whatever gives out boxes of one (``values.Tiled``) is measured tile by tile. A
+        ``Census`` stands for its grid here and below, and remembers what was counted of it. Of a
+        surface that went into a file, what is known is told of the grid that it was made from.
     model
         The model that the subject was made from: whose exact boundary a surface is (or a mesh
         fills), whose cells a mesh consists of, or which ``grid`` is of. Porosity and specific
@@ -95,12 +101,14 @@ def measure(
     GridError, MeshError
         Where there is nothing to measure.
     """
+    if isinstance(subject, StreamedSurface):
+        return Measures(tuple(_streamed_rows(subject, model, grid)))
     if isinstance(subject, SurfaceMesh):
         return Measures(tuple(_surface_rows(subject, model, grid)))
     if isinstance(subject, VolumeMesh):
         return Measures(tuple(_mesh_rows(subject, model, grid)))
-    if isinstance(subject, Tiled):
-        census = Census(subject, tiles=tiles, sampled=isinstance(model, HasBulk), map=map)
+    if isinstance(subject, Tiled | Census):
+        census = Census.of(subject, tiles=tiles, sampled=isinstance(model, HasBulk), map=map)
         return Measures(tuple(_grid_rows(census, progress)))
     periodic = (False, False, False) if grid is None else grid.frame.periodic
     return Measures(tuple(model_rows(subject, periodic)))
@@ -126,8 +134,22 @@ def _grid_rows(census: Census, progress: Progress | None) -> Iterator[Measure]:
             yield row(census)
 
 
+def _streamed_rows(
+    surface: StreamedSurface, model: Model | None, grid: Tiled | Census | None
+) -> Iterator[Measure]:
+    if grid is None:
+        raise MeshError("a surface in a file: wanted the grid that it was made from, to measure it")
+    rows = streamed_rows(surface, Census.of(grid))
+    if isinstance(model, HasBulk) and Census.of(grid).has_bulk:
+        rows.pop("interface_area")  # the sides of a curved bulk are no sides of the frame
+    yield from rows.values()
+    bulk = _bulk_volume(model, grid)
+    if bulk is not None:
+        yield from of_bulk(rows["volume"], rows.get("surface_area"), bulk)
+
+
 def _surface_rows(
-    surface: SurfaceMesh, model: Model | None, grid: Tiled | None
+    surface: SurfaceMesh, model: Model | None, grid: Tiled | Census | None
 ) -> Iterator[Measure]:
     check_closed(surface)
     periodic = (False, False, False) if grid is None else grid.frame.periodic
@@ -135,12 +157,12 @@ def _surface_rows(
         is_body = model is not None and not any(surface.altered)
         census = SurfaceCensus(surface, method=EXACT if is_body else "triangles")
     else:
-        doubts = surface_doubt(Census(grid), surface)
+        doubts = surface_doubt(Census.of(grid), surface)
         census = SurfaceCensus(
             surface, volume_doubt=doubts[0], area_doubt=doubts[1], periodic=periodic
         )
     rows = {name: row(census) for (name, _), row in SURFACE.items()}
-    if grid is not None and isinstance(model, HasBulk) and Census(grid).has_bulk:
+    if grid is not None and isinstance(model, HasBulk) and Census.of(grid).has_bulk:
         del rows["interface_area"]  # the sides of a curved bulk are no sides of the frame
     if grid is None and model is not None:
         rows = _by_convention(rows, model)
@@ -150,7 +172,9 @@ def _surface_rows(
         yield from of_bulk(rows["volume"], rows["surface_area"], bulk)
 
 
-def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: Tiled | None) -> Iterator[Measure]:
+def _mesh_rows(
+    mesh: VolumeMesh, model: Model | None, grid: Tiled | Census | None
+) -> Iterator[Measure]:
     census = VolumeCensus(mesh)
     if census.is_body:
         yield from _cell_rows(census, model)
@@ -159,7 +183,7 @@ def _mesh_rows(mesh: VolumeMesh, model: Model | None, grid: Tiled | None) -> Ite
     if census.method == "tetrahedra" and (model is not None or grid is not None):
         census.volume_doubt += TETRAHEDRA * total
     if grid is not None:
-        amounts, voxel = Amounts(Census(grid)), grid.frame.voxel_volume
+        amounts, voxel = Amounts(Census.of(grid)), grid.frame.voxel_volume
         census.volume_doubt += (
             abs(total - amounts.everywhere * voxel) + amounts.everywhere_doubt * voxel
         )
@@ -237,12 +261,12 @@ def _told(rows: Mapping[str, Measure], periodic: Axes) -> Iterator[Measure]:
             yield row
 
 
-def _bulk_volume(model: Model | None, grid: Tiled | None) -> float | None:
+def _bulk_volume(model: Model | None, grid: Tiled | Census | None) -> float | None:
     """Return the volume of the bulk, or None where it is not known or does not hold the solid."""
     own = _own_bulk(model) if isinstance(model, HasBulk) or (model and grid is None) else None
     if grid is None:
         return own
-    amounts = Amounts(Census(grid, sampled=own is not None))
+    amounts = Amounts(Census.of(grid, sampled=own is not None))
     voxels = amounts.bulk * grid.frame.voxel_volume
     return None if amounts.beyond else own or voxels
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.measures._answer import Table
+    from porous.stages import StreamedSurface
     from porous.values.tiled import Tiled
 
     Floats = NDArray[np.float64]
@@ -116,7 +117,7 @@ def _lost(census: Census) -> float:
     return LOST * abs(fine - _crofton_area(census.coarse_windows @ CROSSINGS.T / 8, coarse)[0])
 
 
-def surface_doubt(census: Census, surface: SurfaceMesh) -> tuple[float, float]:
+def surface_doubt(census: Census, surface: SurfaceMesh | StreamedSurface) -> tuple[float, float]:
     """Return the uncertainties of a surface's volume and area as those of the grid's body.
 
     The volume's is its difference to that of the fills, and theirs. The area's is what is lost
@@ -125,11 +126,15 @@ def surface_doubt(census: Census, surface: SurfaceMesh) -> tuple[float, float]:
     """
     amounts, voxel = Amounts(census), census.frame.voxel_volume
     volume = abs(surface.volume - amounts.everywhere * voxel) + amounts.everywhere_doubt * voxel
-    oblique = ((np.abs(surface.area_vectors) > 0).sum(axis=1) > 1).any()
-    if not oblique:
+    if isinstance(surface, SurfaceMesh) and _is_stepped(surface):
         return volume, STAIRCASE * surface.area
     steps = SMOOTH if amounts.cut else STEPPED
     return volume, steps * surface.area + _lost(census)
+
+
+def _is_stepped(surface: SurfaceMesh) -> bool:
+    """Tell whether no triangle is oblique: voxel faces."""
+    return bool(((np.abs(surface.area_vectors) > 0).sum(axis=1) <= 1).all())
 
 
 def _row(census: Census, name: str, method: str, area: float, doubt: float) -> Measure:

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 
 from porous.recipe import dump
 from porous.report._agreement import number
+from porous.values import SurfaceMesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from porous.pipeline import Result
-    from porous.values import Frame, Job, SurfaceMesh, VolumeMesh, VoxelGrid
+    from porous.stages import StreamedSurface
+    from porous.values import Frame, Job, Tiled, VolumeMesh
 
 PACKAGES = ("porous", "numpy", "scipy", "numba", "scikit-image", "manifold3d", "pytetwild", "vtk")
 """Whose versions can change a number."""
@@ -79,7 +81,7 @@ def _made(result: Result) -> Iterator[tuple[str, str]]:
         yield "simulation", _of_job(result.job)
 
 
-def _of_grid(grid: VoxelGrid) -> Iterator[tuple[str, str]]:
+def _of_grid(grid: Tiled) -> Iterator[tuple[str, str]]:
     frame = grid.frame
     yield "voxels", f"{_times(frame.shape)} = {number(frame.size)}, sampled as {grid.sampling}"
     yield "voxel size", f"{_times(frame.spacing)} {frame.unit}"
@@ -97,8 +99,12 @@ def _surroundings(frame: Frame) -> str:
     return f"periodic along {', '.join(axes)}" if axes else "in vacuum"
 
 
-def _of_surface(surface: SurfaceMesh) -> str:
-    return f"{number(len(surface.triangles))} triangles, {number(len(surface.points))} points"
+def _of_surface(surface: SurfaceMesh | StreamedSurface) -> str:
+    if isinstance(surface, SurfaceMesh):
+        triangles, points = len(surface.triangles), len(surface.points)
+    else:
+        triangles, points = surface.triangles, surface.points
+    return f"{number(triangles)} triangles, {number(points)} points"
 
 
 def _of_volume(mesh: VolumeMesh) -> str:

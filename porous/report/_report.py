@@ -12,6 +12,8 @@ from porous.errors import ViewError
 from porous.report._agreement import groups, lines, verdict
 from porous.report._doubts import doubts
 from porous.report._provenance import provenance, title_of
+from porous.stages import voxelize
+from porous.values import SurfaceMesh, VoxelGrid
 from porous.view import picture
 
 if TYPE_CHECKING:
@@ -20,10 +22,14 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
     from porous.pipeline import Result
-    from porous.values import SurfaceMesh, VolumeMesh, VoxelGrid
+    from porous.values import VolumeMesh
+
+    Drawable = SurfaceMesh | VoxelGrid | VolumeMesh
 
 DRAWN_TRIANGLES = 500_000
 """Triangles of a surface up to which it is drawn; beyond, the voxels are."""
+DRAWN_VOXELS = 128
+"""Voxels along the longest edge of what is drawn of a grid that does not lie in memory."""
 
 
 def report_html(result: Result) -> str:
@@ -33,10 +39,12 @@ def report_html(result: Result) -> str:
     beside measurement, the certificate, what is uncertain, the notes of the run and where all of
     it comes from. Every text is escaped.
     """
-    image, excuse = _picture(result)
+    value, remark = _drawable(result)
+    image, excuse = _picture(value)
     return _template().render(
         title=title_of(result),
         image=image,
+        remark=remark,
         excuse=excuse,
         verdict=verdict(result.certificate),
         groups=groups(result.measures),
@@ -69,9 +77,8 @@ def _template() -> Template:
     return environment.from_string(text)
 
 
-def _picture(result: Result) -> tuple[str, str]:
+def _picture(value: Drawable | None) -> tuple[str, str]:
     """Return a picture in base64, or nothing and why there is none."""
-    value = _drawable(result)
     if value is None:
         return "", "There is no picture: neither voxels nor a mesh were made."
     try:
@@ -80,8 +87,17 @@ def _picture(result: Result) -> tuple[str, str]:
         return "", f"There is no picture: {error}."
 
 
-def _drawable(result: Result) -> SurfaceMesh | VoxelGrid | VolumeMesh | None:
+def _drawable(result: Result) -> tuple[Drawable | None, str]:
+    """Return what to draw of a result, and what to say of it: too much is drawn more coarsely."""
     surface, grid = result.surface, result.grid
-    if surface is not None and (grid is None or len(surface.triangles) <= DRAWN_TRIANGLES):
-        return surface
-    return grid if grid is not None and grid.solid.any() else result.volume
+    if isinstance(surface, SurfaceMesh) and (
+        grid is None or len(surface.triangles) <= DRAWN_TRIANGLES
+    ):
+        return surface, ""
+    if grid is not None and not isinstance(grid, VoxelGrid):
+        assert result.model is not None
+        count = min(DRAWN_VOXELS, max(grid.frame.shape))
+        grid = voxelize(result.model, voxels=count, sampling=grid.sampling)
+        remark = f", drawn with {count} voxels along its longest edge"
+        return (grid, remark) if grid.solid.any() else (None, "")
+    return (grid, "") if grid is not None and grid.solid.any() else (result.volume, "")

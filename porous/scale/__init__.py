@@ -1,6 +1,9 @@
 """How work goes on where memory ends: tiles, and the store that they are written to."""
 
-from porous.scale.store import Store
+from porous.scale.files import read_sealed
+from porous.scale.rasterise import fill_store
+from porous.scale.sealed import seal
+from porous.scale.store import CHUNK, Store
 from porous.scale.stored_grid import StoredGrid
 
-__all__ = ["Store", "StoredGrid"]
+__all__ = ["CHUNK", "Store", "StoredGrid", "fill_store", "read_sealed", "seal"]

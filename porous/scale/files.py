@@ -7,7 +7,7 @@ import math
 import os
 import stat
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from porous import disk
 from porous.errors import DiskError, FormatError
@@ -207,6 +207,18 @@ def read_plan(folder: Path) -> Plan:
         raise FormatError(f"{folder}: has no {PLAN}: it is no store that porous has begun")
     with naming(path, RESUME):
         return Plan.of_record(unseal(read_file(path, SMALL)))
+
+
+def read_sealed(path: Path) -> dict[str, Any]:
+    """Return the content of a small sealed file.
+
+    Raises
+    ------
+    FormatError
+        Where it is missing or damaged; names it.
+    """
+    with naming(path, "remove it and make its folder again"):
+        return unseal(read_file(path, SMALL))
 
 
 def mended_plan(folder: Path) -> Plan:

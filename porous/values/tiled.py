@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -11,6 +12,9 @@ if TYPE_CHECKING:
     from porous.values.frame import Frame
 
     Index = tuple[int, int, int]
+
+Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""How a function is called for every tile: like the builtin, that is in order."""
 
 
 @runtime_checkable

@@ -1,33 +1,29 @@
-"""A recipe from end to end: the stages in order, what each cost, and what is known in the end."""
+"""The stages of a recipe, one by one: what has been made so far, and the clock."""
 
 from __future__ import annotations
 
+import builtins
 import time
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from porous.errors import (
-    GridError,
-    GuestError,
-    MemoryLimitError,
-    MeshError,
-    ModelError,
-    RecipeError,
-    nearest,
-)
+from porous.errors import GridError, GuestError, MemoryLimitError, MeshError, ModelError
+from porous.pipeline._result import Result
 from porous.recipe import build
-from porous.values import Box, Measures
+from porous.values import Box, Measures, VoxelGrid
 from porous.values.box import SIDES
-from porous.values.value import Value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator
 
     from porous.certificate import Certificate
+    from porous.measures import Census
     from porous.models.model import Model
     from porous.recipe import Recipe
-    from porous.values import Job, SurfaceMesh, VolumeMesh, VoxelGrid
+    from porous.scale import StoredGrid
+    from porous.stages import StreamedSurface
+    from porous.values import Job, SurfaceMesh, VolumeMesh
+    from porous.values.tiled import Map
 
     Progress = Callable[[str, float], None]
 
@@ -35,107 +31,6 @@ T = TypeVar("T")
 
 TETWILD_TRIANGLES = 20_000
 """Triangles of a surface up to which ``auto`` asks tetwild; beyond, one hexahedron per voxel."""
-
-WANTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "model": (),
-        "voxels": ("voxels",),
-        "surface": ("surface",),
-        "volume": ("volume",),
-        "simulation": ("volume", "simulation"),
-        "measures": ("voxels", "surface"),
-        "all": ("voxels", "surface", "volume", "simulation"),
-    }
-)
-"""What ``only`` may be, and the stages it asks for; those that they need run besides."""
-
-
-@dataclass(frozen=True, eq=False)
-class Result(Value):
-    """What came of a recipe; None where a stage was not asked for.
-
-    Parameters
-    ----------
-    recipe, model
-        What was asked for.
-    grid, surface, volume, job
-        What the stages made.
-    measures
-        Of all of these; closed forms beside what was measured.
-    certificate
-        Model, grid, surface and mesh held against each other.
-    times
-        Seconds that each stage took.
-    notes
-        What was decided on the way and what the user should know.
-    """
-
-    recipe: Recipe | None
-    model: Model | None = None
-    grid: VoxelGrid | None = None
-    surface: SurfaceMesh | None = None
-    volume: VolumeMesh | None = None
-    job: Job | None = None
-    measures: Measures = field(default_factory=Measures)
-    certificate: Certificate | None = None
-    times: Mapping[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        self._set("times", MappingProxyType(dict(self.times)))
-        self._set("notes", tuple(self.notes))
-
-
-def run(recipe: Recipe, *, only: str | None = None, progress: Progress | None = None) -> Result:
-    """Run the stages of a recipe, in memory.
-
-    Parameters
-    ----------
-    recipe
-        What to make.
-    only
-        model, voxels, surface, volume, simulation or measures: run what that needs and no more.
-    progress
-        Called with the stage's name and its share done, from 0 to 1; raising in it cancels.
-
-    Raises
-    ------
-    PorousError
-        As the stages do: ``ModelError``, ``MemoryLimitError``, ``MeshError``, ``GuestError``, …
-    """
-    wanted = _wanted(only)
-    work = _Work(recipe, progress)
-    work.build()
-    if "voxels" in wanted:
-        work.voxelize()
-    if "surface" in wanted:
-        work.extract_surface()
-    if "volume" in wanted:
-        work.fill_volume()
-    if "simulation" in wanted:
-        work.prepare_job()
-    work.measure()
-    work.certify()
-    return work.result()
-
-
-def examine(value: VoxelGrid | SurfaceMesh | VolumeMesh) -> Result:
-    """Return the measures of a value that came from a file, as a result without a recipe."""
-    from porous.measures import measure
-
-    begin = time.perf_counter()
-    measures = measure(value)
-    made = Result(None, measures=measures, times={"measures": time.perf_counter() - begin})
-    return replace(made, **{_FIELDS[type(value).__name__]: value})  # type: ignore[arg-type]
-
-
-_FIELDS = {"VoxelGrid": "grid", "SurfaceMesh": "surface", "VolumeMesh": "volume"}
-
-
-def _wanted(only: str | None) -> tuple[str, ...]:
-    if only is not None and only not in WANTED:
-        raise RecipeError(f"--only: got {only!r}{nearest(only, WANTED)}")
-    return WANTED[only or "all"]
 
 
 def _no_cells(recipe: Recipe, model: Model) -> str:
@@ -170,16 +65,30 @@ def _with_sides(mesh: VolumeMesh) -> VolumeMesh:
     return replace(mesh, parts={**name_parts(mesh, box).parts, **mesh.parts})
 
 
-class _Work:
+def _part(progress: Progress | None, index: int, count: int) -> Progress:
+    """Return what reports the progress of one task of several."""
+
+    def report(stage: str, done: float) -> None:
+        if progress is not None:
+            progress(stage, (index + done) / count)
+
+    return report
+
+
+class Work:
     """One run under way: what has been made so far, and the clock."""
+
+    map: Map = staticmethod(builtins.map)
+    """How a function is called for every tile of what is measured."""
 
     def __init__(self, recipe: Recipe, progress: Progress | None) -> None:
         self.recipe = recipe
         self.progress = progress
         self.times: dict[str, float] = {}
         self.notes: list[str] = []
-        self.grid: VoxelGrid | None = None
+        self.grid: VoxelGrid | StoredGrid | None = None
         self.surface: SurfaceMesh | None = None
+        self.streamed: StreamedSurface | None = None
         self.volume: VolumeMesh | None = None
         self.job: Job | None = None
         self.measures = Measures()
@@ -191,56 +100,58 @@ class _Work:
         self.model: Model = self._timed("model", lambda _: build(self.recipe))
 
     def voxelize(self) -> None:
-        from porous.stages import voxelize
-
-        how = self.recipe.voxels
-        self.grid = self._timed(
-            "voxels",
-            lambda progress: voxelize(
-                self.model,
-                voxels=how.voxels,
-                spacing=how.spacing,
-                per_feature=how.per_feature,
-                sampling=how.sampling or "fill",
-                periodic=how.periodic,
-                cubic=how.cubic,
-                progress=progress,
-            ),
-        )
-
+        self.grid = self._timed("voxels", self._voxels)
         if self.grid.sampling == "cover":
             self.notes.append(
                 "the voxels cover the set: volume, area and topology are those of its cover, not "
                 "of the set itself; an offset makes material of it"
             )
 
-    def extract_surface(self) -> None:
-        from porous.stages import extract_surface
+    def _voxels(self, progress: Progress | None) -> VoxelGrid | StoredGrid:
+        from porous.stages import voxelize
 
+        return voxelize(self.model, **self._lattice, sampling=self._sampling, progress=progress)
+
+    @property
+    def _lattice(self) -> dict[str, Any]:
+        """What the recipe says of the lattice of voxels."""
+        how = self.recipe.voxels
+        names = ("voxels", "spacing", "per_feature", "periodic", "cubic")
+        return {name: getattr(how, name) for name in names}
+
+    @property
+    def _sampling(self) -> str:
+        return self.recipe.voxels.sampling or "fill"
+
+    def extract_surface(self) -> None:
         method = self.recipe.surface.method
         # Steps to smooth are those of voxels.
         if method == "exact" or (method == "auto" and not self.recipe.surface.smooth):
             self._exact_surface(required=method == "exact")
         if self.surface is None:
-            method = "marching-cubes" if method == "auto" else method
-            grid = self._solid_grid()
-            self.surface = self._timed(
-                "surface", lambda progress: extract_surface(grid, method=method, progress=progress)
-            )
-        self._alter_surface()
+            self._voxel_surface()
+        if self.surface is not None:
+            self._alter_surface(self.surface)
 
-    def _alter_surface(self) -> None:
+    def _voxel_surface(self) -> None:
+        from porous.stages import extract_surface
+
+        method = self.recipe.surface.method
+        method = "marching-cubes" if method == "auto" else method
+        grid = self._solid_grid()
+        self.surface = self._timed(
+            "surface", lambda progress: extract_surface(grid, method=method, progress=progress)
+        )
+
+    def _alter_surface(self, made: SurfaceMesh) -> None:
         from porous.stages import simplify, smooth
 
-        how, made = self.recipe.surface, self.surface
-        assert made is not None
+        how, smoothed = self.recipe.surface, made
         if how.smooth:
-            self.surface = self._timed(
+            smoothed = self.surface = self._timed(
                 "smooth", lambda report: smooth(made, iterations=how.smooth, progress=report)
             )
-            self.notes.append(_told(f"smoothed in {how.smooth} steps", made, self.surface))
-        smoothed = self.surface
-        assert smoothed is not None
+            self.notes.append(_told(f"smoothed in {how.smooth} steps", made, smoothed))
         if how.simplify < 1:
             self.surface = self._timed(
                 "simplify", lambda report: simplify(smoothed, keep=how.simplify, progress=report)
@@ -342,7 +253,7 @@ class _Work:
         self.filled = "surface"
         return name_parts(mesh, self.model.domain)
 
-    def _hexahedra(self) -> VolumeMesh:
+    def _hexahedra(self) -> VolumeMesh | None:
         from porous.stages import hexahedralize, name_parts
 
         grid = self._solid_grid()
@@ -365,37 +276,46 @@ class _Work:
     def measure(self) -> None:
         from porous.measures import measure
 
-        # What the surface and the mesh were made from says how far off their numbers may be.
-        of_model, of_grid = {"model": self.model}, {"model": self.model, "grid": self.grid}
-        of_surface = of_model if self.is_exact else of_grid
-        altered = self.surface is not None and any(self.surface.altered)
-        of_filled = of_grid if altered else of_surface
-        of_volume = {"cells": of_model, "surface": of_filled, "grid": of_grid}
-        tasks = [
-            (subject, source)
-            for subject, source in (
-                (self.model, {"grid": self.grid}),
-                (self.grid, of_model),
-                (self.surface, of_surface),
-                (self.volume, of_volume.get(self.filled, {})),
-            )
-            if subject is not None
-        ]
+        tasks = [task for task in self._tasks() if task[0] is not None]
 
         def take(progress: Progress | None) -> Measures:
             taken = Measures()
-            for index, (subject, source) in enumerate(tasks):
-                if progress is not None:
-                    progress("measures", index / len(tasks))
-                taken += measure(subject, **source)
+            for index, (subject, sources) in enumerate(tasks):
+                report = _part(progress, index, len(tasks))
+                report("measures", 0.0)
+                taken += measure(subject, progress=report, **sources)
             return taken
 
         self.measures = self._timed("measures", take)
 
+    def _tasks(self) -> Iterator[tuple[Any, dict[str, Any]]]:
+        """Yield what is to be measured, if it was made, and what that was made from.
+
+        The latter says how far off its numbers may be.
+        """
+        of_model, of_grid = {"model": self.model}, {"model": self.model, "grid": self._census()}
+        of_surface = of_model if self.is_exact else of_grid
+        altered = self.surface is not None and any(self.surface.altered)
+        of_filled = of_grid if altered else of_surface
+        of_volume = {"cells": of_model, "surface": of_filled, "grid": of_grid}
+        yield self.model, {"grid": of_grid["grid"]}
+        yield of_grid["grid"], of_model
+        yield self.surface or self.streamed, of_surface
+        yield self.volume, of_volume.get(self.filled, {})
+
+    def _census(self) -> Census | None:
+        """Return what counts the grid: once, whatever asks for it."""
+        from porous.measures import Census
+        from porous.models.model import HasBulk
+
+        if self.grid is None:
+            return None
+        return Census(self.grid, sampled=isinstance(self.model, HasBulk), map=self.map)
+
     def certify(self) -> None:
         from porous.certificate import certify
 
-        things = (self.model, self.grid, self.surface, self.volume)
+        things = (self.model, self.grid, self.surface or self.streamed, self.volume)
         self.certificate = self._timed(
             "certificate", lambda _: certify(*things, measures=self.measures)
         )
@@ -405,7 +325,7 @@ class _Work:
             self.recipe,
             self.model,
             self.grid,
-            self.surface,
+            self.surface or self.streamed,
             self.volume,
             self.job,
             self.measures,
@@ -418,7 +338,7 @@ class _Work:
         """Return the grid, made now if it was not asked for, or refuse one without a body."""
         if self.grid is None:
             self.voxelize()
-        assert self.grid is not None
+        assert isinstance(self.grid, VoxelGrid)
         if not self.grid.solid.any():
             raise GridError(
                 f"voxels: none of the {self.grid.frame.size} voxels is solid; wanted a finer grid "

@@ -1,0 +1,7 @@
+"""A recipe from end to end: the stages in order, what each cost, and what is known in the end."""
+
+from porous.pipeline._result import Result
+from porous.pipeline._run import WANTED, Progress, examine, run, run_stored
+from porous.pipeline._stored import STORE
+
+__all__ = ["STORE", "WANTED", "Progress", "Result", "examine", "run", "run_stored"]

@@ -1,0 +1,57 @@
+"""What comes of a recipe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from porous.values import Measures
+from porous.values.value import Value
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from porous.certificate import Certificate
+    from porous.models.model import Model
+    from porous.recipe import Recipe
+    from porous.scale import StoredGrid
+    from porous.stages import StreamedSurface
+    from porous.values import Job, SurfaceMesh, VolumeMesh, VoxelGrid
+
+
+@dataclass(frozen=True, eq=False)
+class Result(Value):
+    """What came of a recipe; None where a stage was not asked for.
+
+    Parameters
+    ----------
+    recipe, model
+        What was asked for.
+    grid, surface, volume, job
+        What the stages made; where memory would not hold them, a grid in a store, and what is known
+        of a surface in a file.
+    measures
+        Of all of these; closed forms beside what was measured.
+    certificate
+        Model, grid, surface and mesh held against each other.
+    times
+        Seconds that each stage took.
+    notes
+        What was decided on the way and what the user should know.
+    """
+
+    recipe: Recipe | None
+    model: Model | None = None
+    grid: VoxelGrid | StoredGrid | None = None
+    surface: SurfaceMesh | StreamedSurface | None = None
+    volume: VolumeMesh | None = None
+    job: Job | None = None
+    measures: Measures = field(default_factory=Measures)
+    certificate: Certificate | None = None
+    times: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._set("times", MappingProxyType(dict(self.times)))
+        self._set("notes", tuple(self.notes))

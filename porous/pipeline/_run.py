@@ -1,0 +1,139 @@
+"""The stages of a recipe in their order, in memory or beyond it."""
+
+from __future__ import annotations
+
+import builtins
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from porous.errors import RecipeError, nearest
+from porous.pipeline._result import Result
+from porous.pipeline._stored import Place, StoredWork
+from porous.pipeline._work import Work
+from porous.scale import CHUNK
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from porous.recipe import Recipe
+    from porous.values import SurfaceMesh, VolumeMesh, VoxelGrid
+    from porous.values.tiled import Map
+
+Progress = Callable[[str, float], None]
+
+WANTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "model": (),
+        "voxels": ("voxels",),
+        "surface": ("surface",),
+        "volume": ("volume",),
+        "simulation": ("volume", "simulation"),
+        "measures": ("voxels", "surface"),
+        "all": ("voxels", "surface", "volume", "simulation"),
+    }
+)
+"""What ``only`` may be, and the stages it asks for; those that they need run besides."""
+
+
+def run(recipe: Recipe, *, only: str | None = None, progress: Progress | None = None) -> Result:
+    """Run the stages of a recipe, in memory.
+
+    Parameters
+    ----------
+    recipe
+        What to make.
+    only
+        model, voxels, surface, volume, simulation or measures: run what that needs and no more.
+    progress
+        Called with the stage's name and its share done, from 0 to 1; raising in it cancels.
+
+    Raises
+    ------
+    PorousError
+        As the stages do: ``ModelError``, ``MemoryLimitError``, ``MeshError``, ``GuestError``, …
+    """
+    return _through(Work(recipe, progress), _wanted(only))
+
+
+def run_stored(
+    recipe: Recipe,
+    folder: Path,
+    *,
+    identity: str,
+    begin: Callable[[], object],
+    chunk: int = CHUNK,
+    only: str | None = None,
+    map: Map = builtins.map,  # noqa: A002
+    progress: Progress | None = None,
+) -> Result:
+    """Run the stages of a recipe where its voxels and its surface need not fit into memory.
+
+    Voxels go into the store ``grid.zarr`` and a surface of voxels into ``surface.stl``, tile by
+    tile; the numbers are those that ``run`` gives. Of a store that is there already, begun by the
+    same recipe, what is intact is kept. A volume mesh is made of a model's own cells or its exact
+    boundary only, and where memory holds it.
+
+    Parameters
+    ----------
+    recipe, only, progress
+        As for ``run``.
+    folder
+        There already; nobody else may be writing to it.
+    identity
+        A hash, 64 hex digits, of the recipe and all that it reads: a store of another is refused.
+    begin
+        Called when the model stands, before anything is written.
+    chunk
+        Voxels along the edges of a stored chunk; a store that is there keeps its own.
+    map
+        How a function is called for every tile; like the builtin. It may hand them to other
+        processes that see the same folder.
+
+    Raises
+    ------
+    RecipeError
+        Where the recipe asks for what is done in memory only, or the store is of another.
+    PorousError
+        As the stages and the store do.
+    """
+    wanted = _wanted(only)
+    work = StoredWork(recipe, progress, Place(folder, identity, begin, chunk), map)
+    return _through(work, wanted)
+
+
+def _through(work: Work, wanted: tuple[str, ...]) -> Result:
+    work.build()
+    if "voxels" in wanted:
+        work.voxelize()
+    if "surface" in wanted:
+        work.extract_surface()
+    if "volume" in wanted:
+        work.fill_volume()
+    if "simulation" in wanted:
+        work.prepare_job()
+    work.measure()
+    work.certify()
+    return work.result()
+
+
+def examine(value: VoxelGrid | SurfaceMesh | VolumeMesh) -> Result:
+    """Return the measures of a value that came from a file, as a result without a recipe."""
+    from porous.measures import measure
+
+    begin = time.perf_counter()
+    measures = measure(value)
+    made = Result(None, measures=measures, times={"measures": time.perf_counter() - begin})
+    return replace(made, **{_FIELDS[type(value).__name__]: value})  # type: ignore[arg-type]
+
+
+_FIELDS = {"VoxelGrid": "grid", "SurfaceMesh": "surface", "VolumeMesh": "volume"}
+
+
+def _wanted(only: str | None) -> tuple[str, ...]:
+    if only is not None and only not in WANTED:
+        raise RecipeError(f"--only: got {only!r}{nearest(only, WANTED)}")
+    return WANTED[only or "all"]
