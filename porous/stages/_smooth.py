@@ -52,6 +52,7 @@ def smooth(
     *,
     iterations: int = 10,
     reach: float | None = None,
+    volume: float | None = None,
     progress: Progress | None = None,
 ) -> SurfaceMesh:
     """Return the surface with its steps smoothed away, each piece keeping its volume.
@@ -69,10 +70,16 @@ def smooth(
     surface
         Closed, oriented, 2-manifold.
     iterations
-        Number of steps, zero or more; 0 changes nothing.
+        Number of steps, zero or more; 0 changes nothing but for ``volume``.
     reach
         In ``surface.unit``, above zero; half the mean length of an edge (about a third of a
         voxel) where not given.
+    volume
+        What the surface is to enclose, in ``surface.unit`` cubed; what it does where not given.
+        Marching cubes rounds edges and corners off, of a tetrahedron with edges of 40 voxels 1 %;
+        the fills' sum, ``measure(grid)["volume"]``, is right to 1e-4. The difference is shared
+        out by area, as one step along the normals. A piece that cannot have its share without
+        harm stays as it was.
     progress
         Called as ``progress("smooth", done)`` with done in 0 … 1.
 
@@ -85,7 +92,7 @@ def smooth(
     Raises
     ------
     MeshError
-        For negative iterations or reach, or a surface that is not a closed 2-manifold.
+        For negative iterations, reach or volume, or a surface that is not a closed 2-manifold.
     MemoryLimitError
         Where the work would not fit into memory.
     """
@@ -93,12 +100,14 @@ def smooth(
         raise MeshError(f"smooth: iterations: got {iterations}; wanted zero or more")
     if reach is not None and not reach > 0:
         raise MeshError(f"smooth: reach: got {reach}; wanted a length above zero")
+    if volume is not None and not 0 < volume < np.inf:
+        raise MeshError(f"smooth: volume: got {volume}; wanted one above zero")
     check_manifold(surface, "smooth")
-    if not iterations:
+    if not iterations and volume is None:
         return surface
     count = len(surface.triangles)
     check_memory(BYTES * count, f"smoothing {count} triangles", "Choose fewer voxels.")
-    body = _Body.of(surface, reach)
+    body = _Body.of(surface, reach, volume)
     moved = np.zeros_like(body.points)
     for step in range(iterations):
         moved = body.smoothed(moved)
@@ -124,6 +133,7 @@ class _Body:
     reach: float
     found: Pieces
     volumes: Floats
+    """What each piece is to enclose."""
     slack: Floats
     """How closely the volume of each piece is restored."""
     sums: Any
@@ -132,12 +142,14 @@ class _Body:
     """Triangles that lie against their neighbourhood from the start."""
 
     @classmethod
-    def of(cls, surface: SurfaceMesh, reach: float | None) -> _Body:
+    def of(cls, surface: SurfaceMesh, reach: float | None, volume: float | None) -> _Body:
         points = surface.points - surface.points.mean(axis=0)
         found = pieces_of(surface)
         volumes = volumes_of(points, surface.triangles, found)
-        areas = np.linalg.norm(surface.area_vectors, axis=1)
-        rough = np.bincount(found.of_triangle, areas) * float(np.abs(points).max())
+        areas = np.bincount(found.of_triangle, np.linalg.norm(surface.area_vectors, axis=1))
+        rough = areas * float(np.abs(points).max())
+        if volume is not None:
+            volumes += (volume - volumes.sum()) * areas / max(areas.sum(), np.finfo(float).tiny)
         if reach is None:
             sides = surface.corners - np.roll(surface.corners, 1, axis=1)
             reach = REACH * float(np.linalg.norm(sides, axis=2).mean())
