@@ -254,12 +254,12 @@ class Attractor:
         marks = np.zeros(self.frame.shape, np.uint8)
 
         def work(tile, part):
-            # As ``cover_attractor``, but for the masks of 64 bits that models give each voxel.
+            # As ``cover_attractor``, but for the arrays of tiles that the set does not come near.
             start, shape, spacing = map(np.array, (tile.start, tile.shape, tile.spacing))
             window = cover._Window(start, shape, spacing)  # noqa: SLF001
             root = cover._root(self.automaton, tile, 1)  # noqa: SLF001
             here = window.covered(self.automaton, self.balls, root, float(spacing.min()) / fine)
-            if here.any():
+            if here is not None:
                 marks[part] = here
 
         self.tiles(work)

@@ -1,6 +1,8 @@
 """Covers: what they must hold, how far they may reach, and that nothing but the lattice shows."""
 
 import itertools
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import naive_sampling as naive
 import numpy as np
@@ -15,6 +17,7 @@ from porous.kernels.cover import about
 from porous.models import cover as covers
 from porous.models import net
 from porous.models.automaton import Automaton, State, Transition, of_maps
+from porous.models.clouds import clouds
 from porous.models.enclosure import enclosing_balls
 from porous.models.pieces import Pieces
 from porous.models.primitive import named, of_surface
@@ -154,6 +157,32 @@ def test_a_cover_does_not_depend_on_the_names_of_states():
     frame = framed(TETRA, (14, 15, 16))
     marks, _ = cover_attractor(two, enclosing_balls(two), frame)
     assert np.array_equal(marks, covered(TETRA, frame)[0])
+
+
+def test_a_frame_that_an_attractor_does_not_reach_has_no_marks():
+    frame = Frame((1.3, 0, 0), (0.1, 0.2, 0.3), (7, 5, 3))
+    marks, bound = covered(MENGER, frame)
+    assert marks.shape == frame.shape
+    assert marks.dtype == np.uint8
+    assert not marks.any()
+    assert bound == pytest.approx(frame.diagonal + min(frame.spacing) / 8, rel=1e-4)
+
+
+def test_threads_that_want_the_same_wait_for_one(monkeypatch):
+    automaton = of_maps(turned_maps(3, 0.4, 11))
+    balls, frame = enclosing_balls(automaton), framed(turned_maps(3, 0.4, 11), (9, 8, 7))
+    made = []
+
+    def slowly(system):
+        made.append(system)
+        time.sleep(0.05)
+        return clouds(system)
+
+    monkeypatch.setattr(covers, "clouds", slowly)
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: cover_attractor(automaton, balls, frame)[0], range(4)))
+    assert len(made) == 1
+    assert all(np.array_equal(marks, found[0]) for marks in found)
 
 
 def test_a_graph_directed_cover():

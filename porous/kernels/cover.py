@@ -76,24 +76,22 @@ def about(middles: Floats, radii: Floats, start: Floats) -> tuple[Floats, float]
 
 
 @kernel
-def _enclose(nodes, boxes, at, a, balls, blocks, state):
-    # Intersect an axis of a box with those of the ellipsoid and the slanted box which a map makes
-    # of a ball and a box. Arrays are passed whole: a view of a row is a reference to be counted.
-    m0, m1, m2, m3 = nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2], nodes[at, a, 3]
+def _enclose(m0, m1, m2, m3, balls, blocks, state, low, high):
+    # Intersect an axis of a box with those of the ellipsoid and the slanted box which a map, of
+    # which this is a row, makes of a ball and a box.
     middle = m0 * balls[state, 0] + m1 * balls[state, 1] + m2 * balls[state, 2] + m3
     reach = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * balls[state, 3] + SLACK
     other = m0 * blocks[state, 0] + m1 * blocks[state, 1] + m2 * blocks[state, 2] + m3
     across = abs(m0) * blocks[state, 3] + abs(m1) * blocks[state, 4] + abs(m2) * blocks[state, 5]
     across += SLACK
-    boxes[at, a] = max(boxes[at, a], middle - reach, other - across)
-    boxes[at, a + 3] = min(boxes[at, a + 3], middle + reach, other + across)
+    return max(low, middle - reach, other - across), min(high, middle + reach, other + across)
 
 
 @kernel
-def _touched(boxes, at, a, start, size):
-    # The first and the last of a window's voxels along an axis that meet a closed box.
-    first = np.int64(np.ceil(max(boxes[at, a], start - 2.0) - 1.0)) - start
-    last = np.int64(np.floor(min(boxes[at, a + 3], start + size + 2.0))) - start
+def _touched(low, high, start, size):
+    # The first and the last of a window's voxels along an axis that meet a closed interval.
+    first = np.int64(np.ceil(max(low, start - 2.0) - 1.0)) - start
+    last = np.int64(np.floor(min(high, start + size + 2.0))) - start
     return max(first, 0), min(last, size - 1)
 
 
@@ -136,13 +134,22 @@ def _stamp(marks, start, nodes, at, points, state):
 
 
 @kernel
-def _extend(nodes, boxes, at, parent, a, maps, child):
-    # An axis of a word's map and box, from those of the word without its last letter.
+def _extend(part, a, letter):
+    # An axis of a word's map and box, from those of the word without its last letter. Arrays are
+    # passed whole: a view of a row is a reference that is counted.
+    nodes, boxes, at, parent = part
+    maps, child, balls, blocks, state = letter
     m0, m1, m2 = nodes[parent, a, 0], nodes[parent, a, 1], nodes[parent, a, 2]
-    for c in range(4):
-        nodes[at, a, c] = m0 * maps[child, 0, c] + m1 * maps[child, 1, c] + m2 * maps[child, 2, c]
-    nodes[at, a, 3] += nodes[parent, a, 3]
-    boxes[at, a], boxes[at, a + 3] = boxes[parent, a], boxes[parent, a + 3]
+    n0 = m0 * maps[child, 0, 0] + m1 * maps[child, 1, 0] + m2 * maps[child, 2, 0]
+    n1 = m0 * maps[child, 0, 1] + m1 * maps[child, 1, 1] + m2 * maps[child, 2, 1]
+    n2 = m0 * maps[child, 0, 2] + m1 * maps[child, 1, 2] + m2 * maps[child, 2, 2]
+    n3 = m0 * maps[child, 0, 3] + m1 * maps[child, 1, 3] + m2 * maps[child, 2, 3]
+    n3 += nodes[parent, a, 3]
+    low, high = boxes[parent, a], boxes[parent, a + 3]
+    low, high = _enclose(n0, n1, n2, n3, balls, blocks, state, low, high)
+    nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2], nodes[at, a, 3] = n0, n1, n2, n3
+    boxes[at, a], boxes[at, a + 3] = low, high
+    return low, high
 
 
 @kernel
@@ -186,9 +193,9 @@ def _descend(
         top -= 1
         state = states[top]
         # Its voxels may have been marked since by others.
-        x0, x1 = _touched(boxes, top, 0, s0, n0)
-        y0, y1 = _touched(boxes, top, 1, s1, n1)
-        z0, z1 = _touched(boxes, top, 2, s2, n2)
+        x0, x1 = _touched(boxes[top, 0], boxes[top, 3], s0, n0)
+        y0, y1 = _touched(boxes[top, 1], boxes[top, 4], s1, n1)
+        z0, z1 = _touched(boxes[top, 2], boxes[top, 5], s2, n2)
         if _none_left(marks, x0, x1, y0, y1, z0, z1):
             continue
         for a in range(3):  # out of its children's way
@@ -198,12 +205,14 @@ def _descend(
         steps += many
         for child in range(first[state], first[state + 1]):
             target = targets[child]
-            for a in range(3):
-                _extend(nodes, boxes, top, parent, a, maps, child)
-                _enclose(nodes, boxes, top, a, balls, blocks, target)
-            x0, x1 = _touched(boxes, top, 0, s0, n0)
-            y0, y1 = _touched(boxes, top, 1, s1, n1)
-            z0, z1 = _touched(boxes, top, 2, s2, n2)
+            part = nodes, boxes, top, parent
+            letter = maps, child, balls, blocks, target
+            low, high = _extend(part, 0, letter)
+            x0, x1 = _touched(low, high, s0, n0)
+            low, high = _extend(part, 1, letter)
+            y0, y1 = _touched(low, high, s1, n1)
+            low, high = _extend(part, 2, letter)
+            z0, z1 = _touched(low, high, s2, n2)
             apart = x0 > x1 or y0 > y1 or z0 > z1
             if apart or _none_left(marks, x0, x1, y0, y1, z0, z1):
                 continue
@@ -264,9 +273,9 @@ class Descent:
         stack = self._stack(size)
         stack[0][0] = self.root[0]
         stack[1][0] = self.root[1]
-        stack[2][0] = [-np.inf] * 3 + [np.inf] * 3
-        for a in range(3):
-            _enclose(stack[1], stack[2], 0, a, *self.system[3:5], self.root[0])
+        for a, row in enumerate(self.root[1]):
+            held = _enclose(*row, *self.system[3:5], self.root[0], -np.inf, np.inf)
+            stack[2][0, a], stack[2][0, a + 3] = held
         top, total = 1, 0
         while top and total <= limit:
             top, steps, full = _descend(

@@ -100,6 +100,8 @@ def cover_attractor(
     h = min(frame.spacing)
     window = _Window.of(frame)
     marks = window.covered(automaton, balls, _root(automaton, frame, 1), h / fine)
+    if marks is None:
+        marks = window.empty()
     return marks, (frame.diagonal + 2 * h / fine) * ROUNDING
 
 
@@ -139,15 +141,18 @@ class _Window(Window):
 
     def covered(
         self, automaton: Automaton, balls: Floats, root: tuple[int, Floats], size: float
-    ) -> NDArray[np.uint8]:
-        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1."""
+    ) -> NDArray[np.uint8] | None:
+        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
+
+        None where the attractor does not come near: found before there is an array.
+        """
         given = balls.tobytes()
         here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
         system, found = _with_clouds(automaton, given)
         words = fitting(system, found, (root[0], here), self.shape, self.spacing)
-        marks = self.empty()
         if not len(words.states):
-            return marks
+            return None
+        marks = self.empty()
         stamp_points(marks, found, words, self.spacing)
         if overlaps(system):
             self._seek(marks, system, _reference(automaton, given), root, size)
