@@ -107,11 +107,17 @@ def _opened(system: System, states: Indices, maps: Floats, fan: Indices) -> tupl
 
 
 def fitting(
-    system: System, found: tuple[Cloud, ...], root: tuple[int, Floats], shape: Indices, h: Floats
+    system: System,
+    found: tuple[Cloud, ...],
+    root: tuple[int, Floats],
+    shape: Indices,
+    h: Floats,
+    reach: float = 0.0,
 ) -> Words:
     """Return words whose clouds are dense in a window of voxels that starts at the root's zero.
 
-    That is with ``WANTED`` points or more per voxel with any, if clouds are drawn in full.
+    That is with ``WANTED`` points or more per voxel with any, if clouds are drawn in full. Words
+    that come within ``reach`` voxels of the window are among them.
 
     Where they would draw more than ``MOST_POINTS`` points per voxel, longer ones than those so far
     are left.
@@ -127,7 +133,7 @@ def fitting(
         widest=np.array([cloud.widest for cloud in found]) * h.min(),
         counts=count,
         most=MOST_POINTS * int(shape.prod()) + int(count.max()),
-        margin=MARGIN,
+        margin=MARGIN + reach,
     )
 
 

@@ -149,12 +149,15 @@ class _Window(Window):
         given = balls.tobytes()
         here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
         system, found = _with_clouds(automaton, given)
-        words = fitting(system, found, (root[0], here), self.shape, self.spacing)
+        seeks = overlaps(system)
+        # What is sought may be marked although the attractor is as far as 2 ``size``.
+        reach = 2 * size / float(self.spacing.min()) if seeks else 0.0
+        words = fitting(system, found, (root[0], here), self.shape, self.spacing, reach)
         if not len(words.states):
             return None
         marks = self.empty()
         stamp_points(marks, found, words, self.spacing)
-        if overlaps(system):
+        if seeks:
             self._seek(marks, system, _reference(automaton, given), root, size)
         else:
             self._descend(marks, system, root, (size,), whole=True)
