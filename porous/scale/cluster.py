@@ -17,9 +17,11 @@ import logging
 import os
 import re
 import socket
+import threading
 import time
 import uuid
 import warnings
+import weakref
 from asyncio import CancelledError
 from collections import deque
 from dataclasses import dataclass, field
@@ -45,6 +47,8 @@ CONNECT = 4.0
 """Seconds that a machine has to take our call, and that a scheduler then has to answer it."""
 ANSWER = 30.0
 """Seconds that a scheduler which we have reached has for a question: it may be busy."""
+HELLO = 1 << 16
+"""Bytes that a scheduler says at first, at most."""
 STEP = 0.5
 """Seconds between two looks at tasks of which none ends."""
 AHEAD = 3
@@ -102,14 +106,13 @@ class Cluster:
         *,
         patience: float,
         limit: float | None,
-        parts: contextlib.ExitStack,
     ) -> None:
         self.address = address
         self._client = client
         self._patience = patience
         self._limit = limit
         self._start = time.monotonic()
-        self._parts = parts
+        self._end: Callable[[], object] = lambda: None
 
     @classmethod
     def connect(
@@ -146,9 +149,10 @@ class Cluster:
         with contextlib.ExitStack() as parts:
             parts.enter_context(_silence())
             client = _client(parts, address)
-            made = cls(client, address, patience=patience, limit=limit, parts=parts)
+            made = cls(client, address, patience=patience, limit=limit)
             made._ask(bool, None)
-            made._parts = parts.pop_all()
+            # Also where it is forgotten: with the object, or with the interpreter.
+            made._end = weakref.finalize(made, parts.pop_all().close)
         return made
 
     def __enter__(self) -> Cluster:
@@ -159,7 +163,7 @@ class Cluster:
 
     def close(self) -> None:
         """Cancel what is under way and let go; a local cluster is gone afterwards."""
-        self._parts.close()
+        self._end()
 
     @property
     def workers(self) -> int:
@@ -327,7 +331,7 @@ class Cluster:
         if job.deaths >= DEATHS:
             raise self._failure(
                 f"tile {job.item!r}: {job.deaths} workers have died while they had it, one after "
-                "the other; have they too little memory?"
+                "the other (too little memory?)"
             )
         self._submit(job)
         return False
@@ -409,27 +413,51 @@ def _knock(address: str) -> None:
     """Raise ``GuestError`` where nobody listens: Dask itself would try again and again."""
     remote = REMOTE.fullmatch(address)
     assert remote is not None
-    place = (remote["six"] or remote["host"], int(remote["port"]))
     try:
-        socket.create_connection(place, timeout=CONNECT).close()
+        with socket.create_connection(
+            (remote["six"] or remote["host"], int(remote["port"])), timeout=CONNECT
+        ) as line:
+            known = address.startswith("tls") or _says_hello(line)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise GuestError(
             f"cluster {address}: cannot be reached: {reason}; is a scheduler of Dask there?"
         ) from None
+    if not known:
+        raise GuestError(f"cluster {address}: who answers there is no scheduler of Dask")
+
+
+def _says_hello(line: socket.socket) -> bool:
+    """Return whether somebody speaks first, and as Dask does: it tells how it pickles.
+
+    A client of Dask believes every length that it is told, and waits for ever.
+    """
+    with line.makefile("rb") as said:
+        length = int.from_bytes(said.read(8), "little")
+        return 0 < length <= HELLO and b"pickle-protocol" in said.read(length)
 
 
 def _connected(address: str, patience: float) -> Any:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of unequal versions: which of them matter we look at
-            return _dask().Client(address, timeout=patience, set_as_default=False, name="porous")
-    except Exception as error:  # noqa: BLE001  (whatever a foreign server makes Dask say)
-        reason = type(error).__name__
-        raise GuestError(
-            f"cluster {address}: something listens there, but no scheduler of Dask answers within "
-            f"{patience:g} s ({reason})"
-        ) from None
+    """Return a client; its making is watched, for it can hang with a scheduler that does."""
+    made: list[Any] = []
+
+    def connect() -> None:
+        try:
+            made.append(_dask().Client(address, timeout=patience, set_as_default=False))
+        except Exception as error:  # noqa: BLE001  (whatever a foreign server makes Dask say)
+            made.append(error)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of unequal versions: which of them matter we look at
+        thread = threading.Thread(target=connect, daemon=True)
+        thread.start()
+        thread.join(patience + 1)
+    if made and not isinstance(made[0], Exception):
+        return made[0]
+    reason = " ".join(f"{type(made[0]).__name__}: {made[0]}".split())[:200] if made else "silence"
+    raise GuestError(
+        f"cluster {address}: no scheduler has answered within {patience:g} s ({reason})"
+    )
 
 
 def _close(client: Any) -> None:
