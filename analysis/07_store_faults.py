@@ -52,15 +52,10 @@ def deaths(case, folder):
         found = faults.kills_at_calls(case, folder, every, when)
         assert found["struck"] == found["trials"]
         yield row(f"killed {when} every call to the disk", NOTHING, found)
-    writes = [i for i, name in enumerate(undisturbed(case, folder), 1) if name == "write"]
+    writes = [i for i, name in enumerate(faults.undisturbed(case, folder), 1) if name == "write"]
     found = faults.kills_at_calls(case, folder, writes, "amid")
     yield row("killed amid every write", NOTHING, found)
     yield row("killed at random times", NOTHING, faults.kills_at_random(case, folder, 200, seed=1))
-
-
-def undisturbed(case, folder):
-    faults.bare(folder)
-    return faults.counted(lambda: case.go_on(folder))
 
 
 def power(case, base):
@@ -119,7 +114,11 @@ def way(persistent):
 
 def small_disks(base):
     sizes = [4, 8, 16, 24, 32, 40, 48, 56]
-    work = f"import json; print(json.dumps(faults.small_disks({str(base / 'room')!r}, {sizes})))"
+    room = str(base / "room")
+    work = (
+        f"import json; case = faults.Case({room + '/case'!r});"
+        f"print(json.dumps(faults.small_disks(case, {room!r}, {sizes})))"
+    )
     said = faults.in_a_room_of_its_own(work)
     found = json.loads(said) if said else {"trials": 0}
     yield row("disks of 4 to 56 kB", NOTHING, found, note="" if said else "not allowed to mount")

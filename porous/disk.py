@@ -108,6 +108,7 @@ def make_folder(path: str | Path) -> Path:
         for place in _missing(_name(folder)):
             place.mkdir(exist_ok=True)
             made.append(place)
+            _sync_folder(place.parent)
         _probe(folder)
     except OSError as error:
         for place in reversed(made):
@@ -142,7 +143,8 @@ def locked(folder: str | Path) -> Iterator[None]:
         _lock(handle, Path(folder))
         yield
     finally:
-        os.close(handle)
+        with contextlib.suppress(OSError):  # nothing was written through it
+            os.close(handle)
 
 
 def _lock(handle: int, folder: Path) -> None:
@@ -181,7 +183,8 @@ def staging(path: str | Path) -> Iterator[Path]:
         # The user knows the folder, not the hidden one inside it.
         raise DiskError(str(error).replace(str(stage), str(folder))) from None
     finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        with contextlib.suppress(OSError):  # rmtree ignores errors, but for those of closing
+            shutil.rmtree(stage, ignore_errors=True)
         for place in () if done else reversed(missing):
             with contextlib.suppress(OSError):
                 place.rmdir()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from porous import disk, pipeline
-from porous.errors import FormatError, RecipeError
+from porous.errors import DiskError, FormatError
 from porous.recipe import dump, files, load, with_files
 from porous.scale import CHUNK
 from porous.values import SurfaceMesh, VoxelGrid
@@ -67,10 +67,12 @@ def make(
         Where the folder cannot be written to.
     RecipeError
         Where the folder holds a store of voxels of another recipe: that may have cost days.
+    FormatError
+        Where it holds something else in the place of a store.
     PorousError
         As ``run``.
     """
-    _check_store(Path(folder), recipe)
+    _check_store(Path(folder), _identity(recipe))
     with disk.staging(folder) as stage:
         result = pipeline.run(recipe, only=only, progress=progress)
         local, text = _localised(recipe, stage)
@@ -115,7 +117,6 @@ def make_stored(
     """
     place = disk.make_folder(folder)
     with disk.locked(place):
-        _check_store(place, recipe)
         disk.sweep(place)
         return _stored(recipe, place, _How(only, chunk, map, progress))
 
@@ -139,14 +140,16 @@ def resume(
     ------
     FormatError
         Where there is nothing to go on with.
+    RecipeError
+        Where the recipe in the folder is not the one that was begun.
     PorousError
         As ``make_stored``.
     """
     place = Path(folder)
-    recipe, only = _begun(place)
+    recipe, asked = _begun(place)
     with disk.locked(place):
         disk.sweep(place)
-        return _stored(recipe, place, _How(only, CHUNK, map, progress))
+        return _stored(recipe, place, _How(*asked, map, progress))
 
 
 def is_whole(folder: str | Path) -> bool:
@@ -156,16 +159,18 @@ def is_whole(folder: str | Path) -> bool:
     ------
     FormatError
         Where there is nothing that ``make_stored`` has begun.
+    RecipeError
+        Where the recipe in the folder is not the one that was begun.
     """
     from porous.scale import Store
 
     place = Path(folder)
     _begun(place)
-    if (place / UNFINISHED).exists() or not (place / LAST).exists():
+    if _is_there(place / UNFINISHED) or not _is_there(place / LAST):
         return False
     store = place / pipeline.STORE
     try:
-        return not store.exists() or not Store.open(store).verify()
+        return not _is_there(store) or not Store.open(store).verify()
     except FormatError:
         return False
 
@@ -180,75 +185,119 @@ class _How(NamedTuple):
 
 
 def _stored(recipe: Recipe, place: Path, how: _How) -> Result:
-    local = with_files(recipe, _names(recipe))
-    text = dump(local)
-    contents = [_content(path) for _, path in sorted(files(recipe).items())]
+    identity = _identity(recipe)
+    _check_store(place, identity)
     result = pipeline.run_stored(
         recipe,
         place,
-        identity=hashlib.sha256(b"".join((text.encode(), *contents))).hexdigest(),
-        begin=lambda: _begin(recipe, place, how.only),
+        identity=identity,
+        begin=lambda: _begin(recipe, place, how),
         **how._asdict(),
     )
     with disk.staging(place) as stage:
-        result = replace(result, recipe=local)
+        result = replace(result, recipe=with_files(recipe, _names(recipe)))
         _finish(result, stage, only=how.only, progress=how.progress)
         disk.commit(stage, place, last=LAST)
     disk.remove(place / UNFINISHED)
+    disk.settle(place)
     return result
 
 
-def _begin(recipe: Recipe, place: Path, only: str | None) -> None:
+def _begin(recipe: Recipe, place: Path, how: _How) -> None:
     """Say in the folder what is being made; what was made of another recipe goes."""
     from porous.scale import seal
 
+    asked = {"only": how.only, "chunk": how.chunk, "recipe_sha256": _identity(recipe)}
+    note = seal({**asked, "version": version("porous")})
     with disk.staging(place) as stage:
         _, text = _localised(recipe, stage)
-        if not _stale(place, text) and (place / UNFINISHED).exists() and _asked(place) == only:
+        if not _stale(place, text) and _held(place / UNFINISHED) == note:
             return
         disk.write_bytes(stage / "recipe.toml", text.encode())
-        disk.write_bytes(stage / UNFINISHED, seal({"only": only, "version": version("porous")}))
+        disk.write_bytes(stage / UNFINISHED, note)
         disk.commit(stage, place, last=UNFINISHED, stale=(LAST, *_stale(place, text)))
 
 
-def _begun(place: Path) -> tuple[Recipe, str | None]:
-    """Return the recipe of a folder that ``make_stored`` has begun, and what was asked for."""
+def _begun(place: Path) -> tuple[Recipe, tuple[str | None, int]]:
+    """Return the recipe of a folder that ``make_stored`` has begun; what was asked for, chunks.
+
+    Raises
+    ------
+    RecipeError
+        Where it is not the recipe that was begun.
+    FormatError
+        Where nothing was begun, or what says what was is damaged.
+    """
+    from porous.scale import read_sealed
+    from porous.scale.store import check_same
+
     path = place / "recipe.toml"
-    begun = any((place / name).exists() for name in (UNFINISHED, pipeline.STORE, LAST))
-    if not path.is_file() or not begun:
+    begun = any(_is_there(place / name) for name in (UNFINISHED, pipeline.STORE, LAST))
+    if not _is_there(path) or not begun:
         raise FormatError(
             f"{place}: holds nothing to go on with; wanted a folder that `porous make "
             "--out-of-core` has begun"
         )
-    return load(path), _asked(place)
+    recipe = load(path)
+    identity = _identity(recipe)
+    _check_store(place, identity)
+    if not _is_there(place / UNFINISHED):
+        return recipe, (_wanted(_logged(place)), CHUNK)
+    note = read_sealed(place / UNFINISHED)
+    check_same(place, str(note.get("recipe_sha256")), identity)
+    chunk = note.get("chunk")
+    return recipe, (_wanted(note.get("only")), chunk if isinstance(chunk, int) else CHUNK)
 
 
-def _asked(place: Path) -> str | None:
-    """Return what was asked for, of an unfinished folder or of a finished one."""
-    from porous.scale import read_sealed
-
-    path = place / UNFINISHED
-    if path.exists():
-        asked = read_sealed(path).get("only")
-    else:
-        try:
-            asked = json.loads((place / LOG).read_text()).get("only")
-        except (OSError, ValueError, AttributeError):
-            asked = None
-    return asked if asked in pipeline.WANTED else None
+def _logged(place: Path) -> object:
+    """Return what was asked for of a finished folder."""
+    try:
+        return json.loads(_held(place / LOG) or b"").get("only")
+    except (ValueError, AttributeError, RecursionError):
+        return None
 
 
-def _check_store(place: Path, recipe: Recipe) -> None:
-    """Refuse a folder with a store of another recipe."""
-    if not (place / pipeline.STORE).exists():
-        return
+def _wanted(asked: object) -> str | None:
+    return asked if isinstance(asked, str) and asked in pipeline.WANTED else None
+
+
+def _identity(recipe: Recipe) -> str:
+    """Return a hash of a recipe and of all that it reads, wherever that lies."""
     text = dump(with_files(recipe, _names(recipe)))
-    path = place / "recipe.toml"
-    if not path.is_file() or path.read_bytes() != text.encode():
-        raise RecipeError(
-            f"{place}: holds the voxels of another recipe ({pipeline.STORE}); choose another "
-            "folder, or remove it"
-        )
+    contents = [_content(path) for _, path in sorted(files(recipe).items())]
+    return hashlib.sha256(b"".join((text.encode(), *contents))).hexdigest()
+
+
+def _check_store(place: Path, identity: str) -> None:
+    """Refuse a folder with a store of another recipe, or what is no store in its place."""
+    from porous.scale.store import check_store
+
+    if _is_there(place / pipeline.STORE):
+        check_store(place / pipeline.STORE, identity)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    return True
+
+
+def _held(path: Path) -> bytes | None:
+    """Return the bytes of a file; None where there is none."""
+    try:
+        return path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: OSError) -> DiskError:
+    return DiskError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}")
 
 
 def write_measures(result: Result, folder: str | Path) -> None:
@@ -369,7 +418,4 @@ def _json(record: dict[str, Any]) -> bytes:
 
 def _stale(folder: Path, text: str) -> tuple[str, ...]:
     """Return the files of an earlier run that do not belong to this recipe."""
-    old = folder / "recipe.toml"
-    if old.is_file() and old.read_bytes() == text.encode():
-        return ()
-    return KNOWN
+    return () if _held(folder / "recipe.toml") == text.encode() else KNOWN

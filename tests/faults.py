@@ -4,6 +4,8 @@ The tests run a short version of what ``analysis/07_store_faults.py`` runs in fu
 """
 
 import errno
+import fcntl
+import io
 import os
 import random
 import shutil
@@ -12,6 +14,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +28,23 @@ RECIPE = "0123456789abcdef" * 4
 CALLS = (
     *("open", "read", "write", "fsync", "close", "replace", "unlink", "mkdir", "rmdir"),
     *("stat", "lstat", "fstat", "scandir", "listdir"),
+    *("io.open", "fcntl.flock"),
 )
-ERRORS = ("ENOSPC", "EIO", "EDQUOT", "EMFILE", "EROFS")
-REAL = {name: getattr(os, name) for name in CALLS}
+MODULES = {"os": os, "io": io, "fcntl": fcntl}
+HOMES = {name: (MODULES[("os." + name).split(".")[-2]], name.split(".")[-1]) for name in CALLS}
+"""Module and name of each call; those of ``os`` go without it."""
+REAL = {name: getattr(*HOMES[name]) for name in CALLS}
 
 
 class Case:
     """A small job: the voxels that a store is to hold, and the bytes that it then consists of."""
+
+    name = "grid.zarr"
+    """What its folder is called."""
+    refusals = DiskError, FormatError
+    """How it says that it cannot go on."""
+    is_alone = True
+    """Whether all calls to the disk are its own; else those that have to do with its folder are."""
 
     def __init__(self, place, shape=(5, 4, 7), chunk=(3, 4, 4), seed=0):
         self.frame = Frame((0, 0, 0), (1.0, 0.5, 0.25), shape)
@@ -53,6 +66,18 @@ class Case:
         for name, index in store.missing():
             store.write(name, index, self.arrays[name][tuple(map(slice, *tiles[index]))])
         return store if store.is_whole else store.commit()
+
+    def begin(self, folder):
+        """Put into a folder what the job finds there: nothing."""
+        return bare(folder)
+
+    def lasting(self, folder):
+        """Return the bytes of all files that the job determines."""
+        return contents(folder)
+
+    def calls(self, act, folder):
+        """Have ``act`` in the place of every call to the disk of this job."""
+        return calls(act, below=None if self.is_alone else folder)
 
     def check(self, folder):
         """Return whether a store is whole; fail where a wrong byte is taken for a right one."""
@@ -94,37 +119,68 @@ def bare(folder):
 
 
 @contextmanager
-def calls(act, names=CALLS):
-    """Have ``act(number, name, real, args, kwargs)`` in the place of every call to the disk."""
-    count = 0
+def calls(act, names=CALLS, *, below=None):
+    """Have ``act(number, name, real, args, kwargs)`` in the place of every call to the disk.
+
+    With ``below`` calls count only that have to do with that folder and what is in it; Python asks
+    for files of its own.
+    """
+    numbers, handles = count(1), set()
 
     def standing_for(name):
         def call(*args, **kwargs):
-            nonlocal count
-            count += 1
-            return act(count, name, REAL[name], args, kwargs)
+            real = REAL[name]
+            if below is not None and not _is_below(str(below), handles, args, kwargs):
+                return real(*args, **kwargs)
+            if name == "close":
+                handles.discard(args[0])
+            result = act(next(numbers), name, real, args, kwargs)
+            if name == "open":
+                handles.add(result)
+            return result
 
         return call
 
     for name in names:
-        setattr(os, name, standing_for(name))
+        setattr(*HOMES[name], standing_for(name))
     try:
         yield
     finally:
         for name in names:
-            setattr(os, name, REAL[name])
+            setattr(*HOMES[name], REAL[name])
 
 
-def counted(work, among=CALLS):
-    """Return the names of all calls to the disk that ``work`` makes."""
-    names = []
+def _is_below(base, handles, args, kwargs):
+    what = args[0] if args else kwargs.get("path")
+    if isinstance(what, int) or kwargs.get("dir_fd") is not None:
+        return kwargs.get("dir_fd", what) in handles
+    return what is not None and f"{os.fsdecode(what)}/".startswith(f"{base}/")
+
+
+def noting(names):
+    """Return an ``act`` that lets every call be and adds its name to a list."""
 
     def act(_, name, real, args, kwargs):
         names.append(name)
         return real(*args, **kwargs)
 
-    with calls(act, among):
+    return act
+
+
+def counted(work, among=CALLS):
+    """Return the names of all calls to the disk that ``work`` makes."""
+    names = []
+    with calls(noting(names), among):
         work()
+    return names
+
+
+def undisturbed(case, folder):
+    """Return the names of all calls to the disk that a job makes."""
+    names = []
+    case.begin(folder)
+    with case.calls(noting(names), folder):
+        case.go_on(folder)
     return names
 
 
@@ -132,8 +188,8 @@ def failing(number, code, *, persistent):
     """Return an ``act`` whose N-th call fails, or all from the N-th on."""
     error = OSError(getattr(errno, code), os.strerror(getattr(errno, code)))
 
-    def act(count, name, real, args, kwargs):
-        if count < number or (count > number and not persistent):
+    def act(at, name, real, args, kwargs):
+        if at < number or (at > number and not persistent):
             return real(*args, **kwargs)
         if name == "close":  # a close that fails has closed all the same
             real(*args, **kwargs)
@@ -158,8 +214,8 @@ def short_writes(seed):
 def dying(number, when):
     """Return an ``act`` that kills the process before, amid or after its N-th call."""
 
-    def act(count, name, real, args, kwargs):
-        if count != number:
+    def act(at, name, real, args, kwargs):
+        if at != number:
             return real(*args, **kwargs)
         if when == "amid" and name == "write":
             real(args[0], bytes(args[1][: len(args[1]) // 2]))
@@ -199,10 +255,10 @@ def kills_at_calls(case, folder, numbers, when):
     """Kill the job at each of these calls to the disk, with a fresh folder each; return a row."""
     killed = whole = 0
     for number in numbers:
-        bare(folder)
+        case.begin(folder)
 
         def work(number=number):
-            with calls(dying(number, when)):
+            with case.calls(dying(number, when), folder):
                 case.go_on(folder)
 
         killed += ended(forked(work))
@@ -218,10 +274,11 @@ def kills_at_random(case, folder, wanted, seed):
     Goes on until so many children were killed before they had ended.
     """
     random_ = random.Random(seed)
+    case.begin(folder)
     start = time.monotonic()
-    case.go_on(bare(folder))
+    case.go_on(folder)
     usual = time.monotonic() - start
-    bare(folder)
+    case.begin(folder)
     trials = killed = whole = finished = 0
     while killed < wanted:
         trials += 1
@@ -230,11 +287,12 @@ def kills_at_random(case, folder, wanted, seed):
         os.kill(child, signal.SIGKILL)
         killed += ended(child)
         case.check_torn(folder)
-        whole += case.check(folder)
-        if case.check(folder) or random_.random() < 0.5:
+        is_whole = case.check(folder)
+        whole += is_whole
+        if is_whole or random_.random() < 0.5:
             case.check_resumed(folder)
             finished += 1
-            bare(folder)
+            case.begin(folder)
     return {"trials": trials, "struck": killed, "read_as_whole": whole, "resumed": finished}
 
 
@@ -243,27 +301,26 @@ def kills_at_random(case, folder, wanted, seed):
 
 def length(case, folder):
     """Return how many calls to the disk an undisturbed job makes."""
-    bare(folder)
-    return len(counted(lambda: case.go_on(folder)))
+    return len(undisturbed(case, folder))
 
 
-def faults(case, folder, code, *, persistent, step=1):
+def faults(case, folder, code, *, persistent, step=1, first=1):
     """Fail at the first, second, … last call of the whole job, or all from there; return a row."""
-    numbers = range(1, length(case, folder) + 1, step)
+    numbers = range(first, length(case, folder) + 1, step)
     struck = whole = 0
     for number in numbers:
-        bare(folder)
+        case.begin(folder)
         raised = None
-        with calls(failing(number, code, persistent=persistent)):
+        with case.calls(failing(number, code, persistent=persistent), folder):
             try:
                 case.go_on(folder)
             except PorousError as error:
                 raised = error
-        assert raised is None or isinstance(raised, DiskError | FormatError), raised
+        assert raised is None or isinstance(raised, case.refusals), raised
         assert "\n" not in str(raised)
         case.check_torn(folder)
         is_whole = case.check(folder)
-        assert is_whole or raised
+        assert is_whole or raised, number
         struck, whole = struck + (raised is not None), whole + is_whole
         case.check_resumed(folder)
     return {"trials": len(numbers), "struck": struck, "read_as_whole": whole}
@@ -388,23 +445,21 @@ def mounted(options, place):
     return not subprocess.run(command, check=False).returncode
 
 
-def small_disks(place, sizes):
+def small_disks(case, place, sizes):
     """Fill up disks of these many kilobytes, then make them larger and go on; return a row."""
-    case = Case(Path(place) / "case")
     disk_, struck, said = Path(place) / "small", 0, []
     disk_.mkdir()
     for size in sizes:
         if not mounted(["-o", f"size={size}k"], disk_):
             sys.exit(77)
-        folder = disk_ / "grid.zarr"
+        folder = disk_ / case.name
         raised = None
         try:
             case.go_on(folder)
         except DiskError as error:
             raised = error
             said.append(str(error))
-        names = contents(disk_)
-        assert not [name for name in names if disk.TEMPORARY in name], names
+        assert not list(disk_.rglob(f"{disk.TEMPORARY}*"))
         if folder.exists():
             case.check_torn(folder)
         assert case.check(folder) == (raised is None)

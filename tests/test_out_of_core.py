@@ -164,7 +164,7 @@ def test_a_store_of_another_recipe_is_refused_and_kept(tmp_path):
     before = contents(tmp_path)
     other = load("menger", set={**MENGER, "model.level": 1})
     for make in (workspace.make, workspace.make_stored):
-        with pytest.raises(RecipeError, match="holds the voxels of another recipe"):
+        with pytest.raises(RecipeError, match="belongs to another recipe"):
             make(other, tmp_path)
     assert contents(tmp_path) == before
 

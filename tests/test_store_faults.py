@@ -123,7 +123,10 @@ def test_what_a_power_cut_leaves(case, base):
 
 def test_disks_that_are_too_small(base):
     room = base / "room"
-    code = f"import json; print(json.dumps(faults.small_disks({str(room)!r}, [4, 24, 48, 72])))"
+    code = (
+        f"import json; case = faults.Case({str(room / 'case')!r});"
+        f"print(json.dumps(faults.small_disks(case, {str(room)!r}, [4, 24, 48, 72])))"
+    )
     said = faults.in_a_room_of_its_own(code)
     if said is None:
         pytest.skip("this user may not mount a small disk")

@@ -217,7 +217,7 @@ def read_sealed(path: Path) -> dict[str, Any]:
     FormatError
         Where it is missing or damaged; names it.
     """
-    with naming(path, "remove it and make its folder again"):
+    with naming(path, "make its folder again, as it was made: what is done is kept"):
         return unseal(read_file(path, SMALL))
 
 
@@ -235,7 +235,8 @@ def mended_plan(folder: Path) -> Plan:
         try:
             return Plan.of_metadata(read_file(folder / GROUP, SMALL))
         except FormatError:
-            raise error from None
+            told = str(error).replace(RESUME, f"so is {GROUP}, which repeats it: remove {folder}")
+            raise FormatError(told) from None
 
 
 def check_empty(folder: Path) -> None:
@@ -244,6 +245,8 @@ def check_empty(folder: Path) -> None:
         held = [path.name for path in folder.iterdir()]
     except FileNotFoundError:
         return
+    except NotADirectoryError:
+        raise FormatError(f"{folder}: is no folder; wanted an empty or a new one") from None
     except OSError as error:
         raise DiskError(f"{folder}: cannot be listed: {str(error.strerror).lower()}") from None
     if PLAN in held:

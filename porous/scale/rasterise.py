@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from porous.errors import FormatError
-from porous.scale.files import MANIFEST, PLAN, read_plan
-from porous.scale.store import CHUNK, Store
+from porous.scale.files import read_plan
+from porous.scale.store import CHUNK, Store, has_store
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -114,14 +114,6 @@ def _begun(folder: Path, source: Source, recipe_sha256: str, chunk: int | Triple
         hausdorff=source.hausdorff,
         sampling_error=source.sampling_error,
     )
-
-
-def has_store(folder: Path) -> bool:
-    """Return whether a store has been begun in a folder, whatever became of it."""
-    try:
-        return any((folder / name).exists() for name in (PLAN, MANIFEST))
-    except OSError as error:
-        raise FormatError(f"{folder}: cannot be read: {str(error.strerror).lower()}") from None
 
 
 def _tell(progress: Progress | None, done: int, count: int) -> None:

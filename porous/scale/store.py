@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from porous import disk
-from porous.errors import FormatError, RecipeError
+from porous.errors import DiskError, FormatError, RecipeError
 from porous.scale import codec
 from porous.scale.files import MANIFEST, PLAN, Files, check_empty, mended_plan, read_plan
 from porous.scale.plan import VERSION, Plan
@@ -136,7 +136,7 @@ class Store(Value):
         """
         place = Path(folder)
         plan = mended_plan(place)
-        _check_same(place, plan, recipe_sha256, frame)
+        _check_plan(place, plan, recipe_sha256, frame)
         files = Files(place, plan)
         files.lay_out()
         return cls(place, plan, files.remove_damage())
@@ -338,12 +338,43 @@ class Store(Value):
             raise ValueError(f"box: got {start} … {stop}; the frame has {self.frame.shape}")
 
 
-def _check_same(folder: Path, plan: Plan, recipe_sha256: str, frame: Frame | None) -> None:
-    if plan.recipe_sha256 != recipe_sha256:
+def check_same(folder: Path, begun: str, recipe_sha256: str) -> None:
+    """Raise ``RecipeError`` where the recipe that a folder was begun by is another."""
+    if begun != recipe_sha256:
         raise RecipeError(
-            f"{folder}: belongs to another recipe: it has {plan.recipe_sha256[:12]}…, "
+            f"{folder}: belongs to another recipe: it has {begun[:12]}…, "
             f"this one is {recipe_sha256[:12]}…; choose another folder, or remove it"
         )
+
+
+def check_store(folder: Path, recipe_sha256: str) -> None:
+    """Raise where a recipe can neither go on with what a folder holds nor begin a store there.
+
+    Raises
+    ------
+    RecipeError
+        Where it holds a store of another recipe.
+    FormatError
+        Where it holds something else, or a store that another version of porous has begun.
+    DiskError
+        Where the disk refuses.
+    """
+    if has_store(folder):
+        _check_plan(folder, mended_plan(folder), recipe_sha256, None)
+    else:
+        check_empty(folder)
+
+
+def has_store(folder: Path) -> bool:
+    """Return whether a store has been begun in a folder, whatever became of it."""
+    try:
+        return any((folder / name).exists() for name in (PLAN, MANIFEST))
+    except OSError as error:
+        raise DiskError(f"{folder}: cannot be read: {str(error.strerror).lower()}") from None
+
+
+def _check_plan(folder: Path, plan: Plan, recipe_sha256: str, frame: Frame | None) -> None:
+    check_same(folder, plan.recipe_sha256, recipe_sha256)
     if frame is not None and frame != plan.frame:
         raise RecipeError(
             f"{folder}: has the frame {plan.frame}; wanted {frame}; choose another folder"
