@@ -340,6 +340,15 @@ def test_logs_are_as_they_were_before(site):
     assert log.level == before <= logging.WARNING
 
 
+def test_only_dasks_own_coroutines_are_not_heard(site, caplog):
+    with Cluster.connect(site.address):
+        pass
+    log = logging.getLogger("asyncio")
+    log.error("Task exception was never retrieved: %s", "/x/distributed/client.py:1")
+    log.error("Task exception was never retrieved: %s", "/x/mine.py:1")
+    assert [record.args for record in caplog.records] == [("/x/mine.py:1",)]
+
+
 # --- deaths --------------------------------------------------------------------------------
 
 

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 
 START = 90.0
 """Seconds that the workers have to come up."""
+STEP = 2.0
+"""Seconds between two looks for workers that are missing."""
+LOST = "6s"
+"""After which a worker that was not there is no longer expected."""
 LOOPBACK = "127.0.0.1"
 
 
@@ -94,8 +98,10 @@ def _address(process: subprocess.Popen[bytes], errors: Path) -> str:
 
 def _serve(workers: int, folder: str) -> None:
     """Be the scheduler, watch over workers, and end with whoever holds our input."""
+    import dask
     import distributed
 
+    dask.config.set({"distributed.deploy.lost-worker-timeout": LOST})
     cluster_of: Any = distributed.LocalCluster
     told = os.dup(1)
     os.dup2(2, 1)  # workers inherit this one: what a task prints must not meet a pipe
@@ -112,8 +118,8 @@ def _serve(workers: int, folder: str) -> None:
             local_directory=folder,
         ) as cluster:
             os.write(told, f"{cluster.scheduler_address}\n".encode())
-            while os.read(0, 4096):
-                pass
+            while not select.select([0], [], [], STEP)[0]:
+                cluster.scale(workers)  # one that was killed as it came up nobody else replaces
             shutil.rmtree(folder, ignore_errors=True)
     finally:
         os.killpg(0, signal.SIGKILL)

@@ -54,7 +54,7 @@ STEP = 0.5
 AHEAD = 3
 """Tasks that are sent out at a time, for every thread of the workers."""
 DEATHS = 12
-"""Deaths of workers that had a task, after which it is to blame."""
+"""Deaths of workers that had a task, with no task ended in between, after which it is to blame."""
 LARGE = 1 << 18
 """Bytes of a function's pickle above which a worker gets it once, not with every task."""
 LARGEST = 1 << 28
@@ -73,6 +73,7 @@ class _Job:
     name: str
     given: tuple[object, ...]
     worker: str | None = None
+    tries: int = 0
     deaths: int = 0
     future: Any = field(init=False)
     ended: bool = False
@@ -255,7 +256,8 @@ class Cluster:
         if job.worker is not None:
             bound = {"workers": [job.worker], "allow_other_workers": False}
         # What was blamed once stays blamed under that name.
-        key = f"{job.name}-{job.deaths}"
+        job.tries += 1
+        key = f"{job.name}-{job.tries}"
         with self._reaching():
             job.future = self._client.submit(tasks.call, *job.given, key=key, pure=False, **bound)
 
@@ -286,6 +288,8 @@ class Cluster:
         while not jobs[0].ended:
             if self._collect(jobs):
                 last = time.monotonic()
+                for job in jobs:
+                    job.deaths = 0
                 continue
             if jobs[0].worker is not None and jobs[0].worker not in self._threads():
                 return None  # who is gone has nothing to answer
@@ -472,8 +476,14 @@ def _silence() -> Iterator[None]:
     before = {name: logging.getLogger(name).level for name in names}
     for name in names:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    logging.getLogger("asyncio").addFilter(_is_not_of_dask)  # and stays: it may come late
     try:
         yield
     finally:
         for name, level in before.items():
             logging.getLogger(name).setLevel(level)
+
+
+def _is_not_of_dask(record: logging.LogRecord) -> bool:
+    # Where a worker dies as its results are fetched, Dask leaves a coroutine's error unheard.
+    return f"{os.sep}distributed{os.sep}" not in record.getMessage()
