@@ -13,7 +13,7 @@ from porous import build, load, measures, voxelize
 from porous.errors import Cancelled, GridError
 from porous.measures._boxes import BoxCount
 from porous.measures._census import Census, Extent, count_fills, count_windows, find_bulk
-from porous.measures._connected import OUTSIDE, Phase, PieceCounts, Pieces, _Sightings
+from porous.measures._connected import OUTSIDE, Phase, PieceCounts, Pieces, Sightings
 from porous.measures._fold import Together, layers_of, tiles_of
 from porous.values import Frame, Tiled, VoxelGrid
 
@@ -346,7 +346,7 @@ def test_a_menger_sponge_in_tiles_is_as_the_oracle_says(chunk):
 
 
 def seen(voxel, owner, weight):
-    return _Sightings(
+    return Sightings(
         np.array([voxel]),
         np.array([owner]),
         np.zeros((1, 3), np.int32),

@@ -5,9 +5,9 @@ Measures of a grid are folds: counts of tiles that add up, and what follows from
 
 from porous.measures._boxes import box_counts, box_dimension
 from porous.measures._census import Census
-from porous.measures._fold import fold, tiles_of
+from porous.measures._fold import Journal, fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
-from porous.measures._measure import measure
+from porous.measures._measure import COUNTED, measure
 from porous.measures._mesh import smallest_dihedral_angle, smallest_scaled_jacobian
 from porous.measures._model import (
     affinity_dimension,
@@ -40,7 +40,9 @@ from porous.measures._topology import (
 from porous.measures._volume import volume
 
 __all__ = [
+    "COUNTED",
     "Census",
+    "Journal",
     "affinity_dimension",
     "box_counts",
     "box_dimension",

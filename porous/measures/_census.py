@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.measures._connected import PieceCounts, Pieces
-    from porous.measures._fold import Count, Index, Progress, Tile
+    from porous.measures._fold import Count, Index, Journal, Progress, Tile
     from porous.values import Frame
     from porous.values.tiled import Map, Tiled
 
@@ -213,6 +213,8 @@ class Census:
         its own is; else it is taken for exact.
     map
         How tiles are counted; see ``fold``.
+    journal
+        Where sums are written down; see ``fold``.
     """
 
     def __init__(
@@ -222,12 +224,13 @@ class Census:
         tiles: Sequence[Tile] | None = None,
         sampled: bool = False,
         map: Map = builtins.map,  # noqa: A002
+        journal: Journal | None = None,
     ) -> None:
         self.source = source
         self.has_bulk = source.block((0, 0, 0), (1, 1, 1))[1] is not None
         self.sampled = sampled and self.has_bulk
         self.tiles = _tiles(source) if tiles is None else tuple(tiles)
-        self._map = map
+        self._map, self._journal = map, journal
         self._sums: dict[Count, Any] = {}
 
     @classmethod
@@ -254,7 +257,14 @@ class Census:
         wanted = tuple(count for count in dict.fromkeys(counts) if count not in self._sums)
         if wanted:
             together = Together(wanted)
-            sums = fold(together, self.source, self.tiles, map=self._map, progress=progress)
+            sums = fold(
+                together,
+                self.source,
+                self.tiles,
+                map=self._map,
+                journal=self._journal,
+                progress=progress,
+            )
             self._sums.update(zip(wanted, sums.of, strict=True))
 
     def counted(self, count: Callable[[Tiled, Index, Index], Any]) -> Any:

@@ -34,7 +34,7 @@ LOW, HIGH, OUTSIDE, ENDLESS = 1, 8, 64, 128
 and z."""
 
 SIGHTINGS = 8
-"""Tiles that may see a voxel, counted as the lattice vertices about it; see ``_Sightings``."""
+"""Tiles that may see a voxel, counted as the lattice vertices about it; see ``Sightings``."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Pieces:
 
 
 @dataclass(frozen=True)
-class _Sightings:
+class Sightings:
     """Voxels that several tiles see, and which piece each tile found there.
 
     ``voxels`` are their numbers in the whole grid, int64, shape (m,), ascending; ``owners`` the
@@ -144,18 +144,18 @@ class _Sightings:
     def __len__(self) -> int:
         return len(self.voxels)
 
-    def __getitem__(self, chosen: Ints | Bools) -> _Sightings:
-        return _Sightings(
+    def __getitem__(self, chosen: Ints | Bools) -> Sightings:
+        return Sightings(
             self.voxels[chosen], self.owners[chosen], self.turns[chosen], self.weights[chosen]
         )
 
-    def beside(self, other: _Sightings, first: int) -> _Sightings:
+    def beside(self, other: Sightings, first: int) -> Sightings:
         """Return both, in order; the other's pieces are numbered from ``first`` on."""
-        later = _Sightings(other.voxels, other.owners + first, other.turns, other.weights)
-        return _Sightings.of([self, later])
+        later = Sightings(other.voxels, other.owners + first, other.turns, other.weights)
+        return Sightings.of([self, later])
 
     @classmethod
-    def of(cls, parts: Sequence[_Sightings]) -> _Sightings:
+    def of(cls, parts: Sequence[Sightings]) -> Sightings:
         """Return all of them, in order; of no parts there are none."""
         parts = [
             cls(
@@ -172,7 +172,7 @@ class _Sightings:
         )
         return cls(voxels, owners, turns, weights)[np.argsort(voxels, kind="stable")]
 
-    def unfinished(self) -> _Sightings:
+    def unfinished(self) -> Sightings:
         """Return one sighting of each voxel that other tiles see too; all have one owner."""
         if not len(self):
             return self
@@ -180,7 +180,7 @@ class _Sightings:
         weights = np.add.reduceat(self.weights, first)
         left = weights < SIGHTINGS
         kept = self[first[left]]
-        return _Sightings(kept.voxels, kept.owners, kept.turns, weights[left])
+        return Sightings(kept.voxels, kept.owners, kept.turns, weights[left])
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ class PieceCounts:
     done: Pieces
     sizes: Ints
     marks: Ints
-    seen: _Sightings
+    seen: Sightings
 
     def __add__(self, other: PieceCounts) -> PieceCounts:
         return _joined(
@@ -218,7 +218,7 @@ class PieceCounts:
         return self.done
 
 
-def _joined(done: Pieces, sizes: Ints, marks: Ints, seen: _Sightings) -> PieceCounts:
+def _joined(done: Pieces, sizes: Ints, marks: Ints, seen: Sightings) -> PieceCounts:
     """Join pieces that share a voxel, and put away those that no other tile sees.
 
     Each piece has a place in the plane unrolled along the periodic axes; where walking around by
@@ -227,14 +227,14 @@ def _joined(done: Pieces, sizes: Ints, marks: Ints, seen: _Sightings) -> PieceCo
     turns = seen.turns.astype(np.int64)
     one = unite(seen.voxels, seen.owners, turns, sizes, marks, around=ENDLESS)
     placed = turns + one.places[seen.owners]
-    left = _Sightings(
+    left = Sightings(
         seen.voxels, one.numbers[seen.owners], placed.astype(np.int32), seen.weights
     ).unfinished()
     again = np.zeros(len(one.sizes), bool)
     again[left.owners] = True
     alone = Pieces(one.sizes[~again], one.marks[~again], np.ones((~again).sum(), np.int64))
     numbers = np.cumsum(again) - 1
-    left = _Sightings(left.voxels, numbers[left.owners], left.turns, left.weights)
+    left = Sightings(left.voxels, numbers[left.owners], left.turns, left.weights)
     return PieceCounts(done + alone, one.sizes[again], one.marks[again], left)
 
 
@@ -264,7 +264,7 @@ class Phase:
         if self.in_bulk and block.bulk is not None:
             beyond = (block.fill < 128) & (block.bulk < 128)
             marks[touching(runs, _grown(beyond))] |= OUTSIDE
-        seen = _Sightings.of(list(_shared_layers(block, source.frame, runs)))
+        seen = Sightings.of(list(_shared_layers(block, source.frame, runs)))
         return _joined(Pieces.none(), sizes, marks, seen)
 
     def _mask(self, block: Block) -> Bools:
@@ -287,7 +287,7 @@ class Phase:
                 yield OUTSIDE, axis, n - 1
 
 
-def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[_Sightings]:
+def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[Sightings]:
     """Yield the voxels of a phase that another block may see, each once."""
     shape = block.fill.shape
     index = [np.arange(n) + a - h for n, a, h in zip(shape, block.first, block.halo, strict=True)]
@@ -307,7 +307,7 @@ def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[_Sighting
                 strict=True,
             )
             each = [w[at] for w, at in zip(weights, where, strict=True)]
-            yield _Sightings(
+            yield Sightings(
                 np.asarray(np.ravel_multi_index(places, frame.shape)),
                 owners,
                 np.stack(turns, axis=1).astype(np.int32),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial, reduce
 from itertools import groupby, product
 from operator import add
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,17 @@ if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
 
 C = TypeVar("C", bound=Any)
+
+
+class Journal(Protocol):
+    """Where the sums of the first tiles are written down, so that they need not be taken again."""
+
+    def load(self, key: str) -> tuple[int, list[tuple[int, Any]]]:
+        """Return how many tiles of the count that ``key`` names were taken, and their sums."""
+
+    def save(self, key: str, done: int, sums: list[tuple[int, Any]]) -> None:
+        """Write down the sums of the first ``done`` tiles, or let it be for now."""
+
 
 TILE = 1 << 26
 """Voxels of a tile, about: a count of it takes less than 1 GiB."""
@@ -70,6 +81,7 @@ def fold(
     tiles: Iterable[Tile],
     *,
     map: Map = builtins.map,  # noqa: A002
+    journal: Journal | None = None,
     progress: Progress | None = None,
 ) -> C:
     """Return the sum of ``count(source, start, stop)`` over tiles that fill the grid.
@@ -89,17 +101,23 @@ def fold(
         How a function is called for every tile: like the builtin, that is in order. It may hand
         them to other processes, for the function and the tiles can be pickled where ``count`` and
         ``source`` can; on one machine kernels use all threads as it is.
+    journal
+        Where sums are written down now and then; what it has of them is not counted again.
     progress
         Called as ``progress(done, count)`` after each tile; raising in it cancels.
     """
     wanted = tuple(tiles)
-    sums: list[tuple[int, C]] = []
-    for done, result in enumerate(map(partial(_taken_of, count, source), wanted), 1):
+    key = f"{count!r} of {wanted!r}"
+    before, sums = (0, []) if journal is None else journal.load(key)
+    rest = wanted[before:]
+    for done, result in enumerate(map(partial(_taken_of, count, source), rest), before + 1):
         # Halves are added first, so that no sum is added to more often than tiles double.
         rank, total = 0, result
         while sums and sums[-1][0] == rank:
             rank, total = rank + 1, sums.pop()[1] + total
         sums.append((rank, total))
+        if journal is not None:
+            journal.save(key, done, sums)
         if progress is not None:
             progress(done, len(wanted))
     whole: C = reduce(lambda later, earlier: earlier + later, [total for _, total in sums[::-1]])
@@ -115,6 +133,11 @@ class Together:
     """Several counts at once, so that every voxel is fetched once; they add up one by one."""
 
     counts: tuple[Count, ...]
+
+    def __repr__(self) -> str:
+        # A function's own has its place in memory.
+        names = [getattr(count, "__qualname__", None) or repr(count) for count in self.counts]
+        return f"Together({', '.join(names)})"
 
     def __call__(self, source: Tiled, start: Index, stop: Index) -> Sums:
         """Take them all of one tile."""

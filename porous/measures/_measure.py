@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 from porous.errors import MeshError
 from porous.measures import _boxes, _pores, _porosity, _surface_area, _topology
-from porous.measures._census import Census
+from porous.measures._census import Census, Extent, FillCounts
+from porous.measures._connected import PieceCounts, Pieces, Sightings
+from porous.measures._fold import Sums
 from porous.measures._mesh import (
     EXACT,
     SURFACE,
@@ -50,6 +52,9 @@ GRID: Table[Census] = {
     **_boxes.GRID,
 }
 """Every row of a grid, by name and method."""
+
+COUNTED = (Sums, FillCounts, Extent, Pieces, PieceCounts, Sightings, _boxes.BoxSums)
+"""Classes that counts of tiles are made of, besides arrays and numbers."""
 
 TETRAHEDRA = 1e-3
 """Part of the volume by which a tetrahedral mesh may differ from the surface that it fills."""

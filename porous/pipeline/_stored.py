@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from porous.errors import RecipeError
 from porous.pipeline._work import Work
-from porous.stages import fit_frame
+from porous.scale import StoredGrid, Tally, fill_store
+from porous.stages import SampledModel, fit_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -14,12 +15,10 @@ if TYPE_CHECKING:
 
     from porous.pipeline._work import Progress
     from porous.recipe import Recipe
-    from porous.scale import StoredGrid
     from porous.values import VolumeMesh
     from porous.values.tiled import Map
 
 STORE, SURFACE = "grid.zarr", "surface.stl"
-
 
 NO_MESH = (
     "no volume mesh: out of core one is made of a model's own cells or its exact boundary only; "
@@ -56,8 +55,6 @@ class StoredWork(Work):
         self.place.begin()
 
     def _voxels(self, progress: Progress | None) -> StoredGrid:
-        from porous.scale import StoredGrid, fill_store
-        from porous.stages import SampledModel
 
         def report(done: int, count: int) -> None:
             if progress is not None:
@@ -85,6 +82,13 @@ class StoredWork(Work):
         self.streamed = self._timed(
             "surface", lambda progress: stream_surface(grid, path, progress=progress)
         )
+
+    def _journal(self) -> Tally:
+        return Tally(self.place.folder, f"{self.place.identity} {self.place.chunk}")
+
+    def measure(self) -> None:
+        super().measure()
+        self._journal().clear()
 
     def _tetrahedra(self, *, required: bool) -> VolumeMesh | None:
         if self.surface is None and self.streamed is None:

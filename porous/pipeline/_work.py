@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from porous.certificate import Certificate
-    from porous.measures import Census
+    from porous.measures import Census, Journal
     from porous.models.model import Model
     from porous.recipe import Recipe
     from porous.scale import StoredGrid
@@ -310,7 +310,12 @@ class Work:
 
         if self.grid is None:
             return None
-        return Census(self.grid, sampled=isinstance(self.model, HasBulk), map=self.map)
+        is_sampled = isinstance(self.model, HasBulk)
+        return Census(self.grid, sampled=is_sampled, map=self.map, journal=self._journal())
+
+    def _journal(self) -> Journal | None:
+        """Return where counts are written down, for who is killed to count on."""
+        return None
 
     def certify(self) -> None:
         from porous.certificate import certify

@@ -5,5 +5,6 @@ from porous.scale.rasterise import fill_store
 from porous.scale.sealed import seal
 from porous.scale.store import CHUNK, Store
 from porous.scale.stored_grid import StoredGrid
+from porous.scale.tally import Tally
 
-__all__ = ["CHUNK", "Store", "StoredGrid", "fill_store", "read_sealed", "seal"]
+__all__ = ["CHUNK", "Store", "StoredGrid", "Tally", "fill_store", "read_sealed", "seal"]

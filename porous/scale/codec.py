@@ -99,6 +99,33 @@ def decode(data: bytes, chunk: tuple[int, int, int]) -> NDArray[np.uint8]:
     return result
 
 
+def compressed(array: NDArray[Any]) -> bytes:
+    """Return an array of any kind as zstd makes it."""
+    body: bytes = _zstd().encode(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+    return body
+
+
+def expanded(body: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return the array that ``compressed`` was given; no more than it is allocated.
+
+    Raises
+    ------
+    FormatError
+        Where the bytes are not of just that.
+    """
+    result = np.empty(shape, dtype)
+    wanted = result.reshape(-1).view(np.uint8)
+    if _content_size(body) != wanted.size:
+        raise FormatError(f"does not become {wanted.size} bytes")
+    if not wanted.size:
+        return result
+    try:
+        _zstd().decode(body, out=wanted)
+    except (RuntimeError, ValueError) as error:
+        raise FormatError(f"its compressed bytes are damaged ({error})") from None
+    return result
+
+
 def largest(size: int) -> int:
     """Return how many bytes a chunk's file has at most (zstd's ``ZSTD_COMPRESSBOUND``, and CRC)."""
     return size + (size >> 8) + 128 + SUM

@@ -103,7 +103,7 @@ class SampledModel(Value):
         frame = self.frame.tile(start, stop)
         if self.sampling == "cover":
             assert self._bound >= 0  # found now, not by every thread
-            return adopted(_each_tile(frame, self._cover, report))
+            return adopted(_each_tile(frame, self._cover, report, np.zeros))
         model, pattern = self.model, PATTERNS[self.sampling]
         if isinstance(model, HasFill):
             fill = model.fill(frame, pattern, report)
@@ -124,7 +124,8 @@ class SampledModel(Value):
     def _cover(self, tile: Frame, out: Bytes) -> None:
         assert isinstance(self.model, HasCover)
         marks, bound = self.model.cover(tile)
-        np.multiply(marks != 0, np.uint8(255), out=out)
+        if marks.any():
+            np.multiply(marks != 0, np.uint8(255), out=out)
         assert bound <= self._bound
 
     @cached_property
@@ -156,12 +157,15 @@ def _fills(pattern: Pattern) -> Bytes:
 
 
 def _each_tile(
-    frame: Frame, sample: Callable[[Frame, Bytes], None], report: Report | None
+    frame: Frame,
+    sample: Callable[[Frame, Bytes], None],
+    report: Report | None,
+    begin: Callable[[Index, type], Bytes] = np.empty,
 ) -> Bytes:
     """Return what ``sample(tile, its part of the result)`` fills in, tile by tile."""
     from porous.kernels._shared import slabs
 
-    result = np.empty(frame.shape, np.uint8)
+    result = begin(frame.shape, np.uint8)
     tiles = _tiles(frame.shape)
 
     def work(first: int, last: int) -> None:
