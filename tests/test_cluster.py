@@ -18,11 +18,14 @@ import psutil
 import pytest
 from dask_processes import Site, until
 
+import porous as po
 from porous import measures
 from porous.errors import DiskError, FormatError, GuestError, PorousError, RecipeError
 from porous.scale import Store, StoredGrid, tasks
 from porous.scale import cluster as module
 from porous.scale.cluster import Cluster, check_address
+from porous.scale.rasterise import fill_store
+from porous.stages import SampledModel
 from porous.values import Frame, VoxelGrid
 
 RECIPE = "5" * 64
@@ -365,6 +368,23 @@ def test_a_killed_worker_loses_nothing(site, cluster, grid, expected, tmp_path):
     assert done == list(range(len(store.tiles)))
     store.commit()
     assert bytes_of(store.folder) == expected
+
+
+@pytest.mark.slow
+def test_a_model_becomes_the_same_store_though_a_worker_is_killed(tmp_path):
+    model = po.build(po.load("menger"))
+    frame = Frame((-0.13, 0.07, -0.2), (10 / 41, 10 / 37, 10 / 43), (42, 38, 44))
+    source, options = SampledModel(model, frame), {"recipe_sha256": RECIPE, "chunk": (16, 8, 12)}
+    fill_store(tmp_path / "alone", source, **options)
+    with Site(tmp_path) as site, connected(site, patience=60) as cluster:
+
+        def kill_one(done, _):
+            if done == 20:
+                site.kill(site.workers[0])
+
+        fill_store(tmp_path / "both", source, **options, map=cluster.map, progress=kill_one)
+        assert cluster.workers == 1
+    assert bytes_of(tmp_path / "both") == bytes_of(tmp_path / "alone")
 
 
 @pytest.mark.slow
