@@ -6,6 +6,7 @@ The tests run a short version of what ``analysis/07_store_faults.py`` runs in fu
 import errno
 import fcntl
 import io
+import json
 import os
 import random
 import shutil
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -21,8 +23,21 @@ import numpy as np
 
 from porous import disk
 from porous.errors import DiskError, FormatError, PorousError
+from porous.formats import formats, write
 from porous.scale import Store
-from porous.values import Frame
+from porous.stages import stream_surface
+from porous.stages._stream_surface import WRITERS
+from porous.values import (
+    Block,
+    Compression,
+    Frame,
+    Job,
+    Material,
+    Part,
+    SurfaceMesh,
+    VolumeMesh,
+    VoxelGrid,
+)
 
 RECIPE = "0123456789abcdef" * 4
 CALLS = (
@@ -228,6 +243,35 @@ def dying(number, when):
     return act
 
 
+# --- processes ---------------------------------------------------------------------------
+
+
+def told(code, *, wrapped=()):
+    """Return what Python code prints in a process of one thread; None where it says it may not."""
+    here = f"import sys, json; sys.path.insert(0, {str(Path(__file__).parent)!r}); import faults"
+    done = subprocess.run(
+        [*wrapped, sys.executable, "-W", "error", "-c", f"{here}\n{code}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "POROUS_THREADS": "1"},
+    )
+    if done.returncode == 77:
+        return None
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def found_of(case, place, work, *, wrapped=()):
+    """Return the row that ``work`` gives of a case (its class by name), in a process of its own."""
+    module = case.partition(".")[0]
+    said = told(
+        f"import {module}; case = {case}({str(bare(place))!r}); print(json.dumps({work}))",
+        wrapped=wrapped,
+    )
+    return said and json.loads(said)
+
+
 # --- deaths ------------------------------------------------------------------------------
 
 
@@ -338,6 +382,42 @@ def faults_of_readers(case, code, *, persistent):
                 struck += 1
     assert contents(case.folder) == case.bytes
     return {"trials": number_of_calls, "struck": struck}
+
+
+TETRAHEDRON = np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5]])
+SOLID = np.random.default_rng(0).integers(0, 256, (4, 3, 5)).astype(np.uint8)
+MESH = VolumeMesh(
+    TETRAHEDRON,
+    (Block("tet4", np.array([[0, 1, 2, 3]])),),
+    parts={"ZMIN": Part("nodes", np.array([0, 1, 2])), "TOP": Part("faces", np.array([[0, 2]]))},
+)
+EXAMPLES = {
+    VoxelGrid: VoxelGrid(Frame((0, 0, 0), (1, 2, 3), SOLID.shape), SOLID),
+    SurfaceMesh: SurfaceMesh(TETRAHEDRON, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])),
+    VolumeMesh: MESH,
+    Job: Job(
+        "weight", MESH, Material("steel", 210e3, 0.3, 7.85e-9), Compression("ZMIN", "TOP", 1.5)
+    ),
+}
+"""One of each type that there are writers for."""
+
+
+def writers():
+    """Return every writer of a file there is: by name, its suffix and a function of a path.
+
+    Those that are registered, so that a new format is among them on the day it is registered, and
+    those that take a surface piece by piece.
+    """
+    registered = {
+        f"{form.suffix} of a {kind.__name__}": (form.suffix, partial(write, EXAMPLES[kind]))
+        for form in formats()
+        for kind in form.writes
+    }
+    streamed = {
+        f"{suffix}, streamed": (suffix, partial(stream_surface, EXAMPLES[VoxelGrid]))
+        for suffix in WRITERS
+    }
+    return registered | streamed
 
 
 ONE_FILE = ("open", "write", "fsync", "close", "replace")
@@ -470,16 +550,9 @@ def small_disks(case, place, sizes):
     return {"trials": len(sizes), "struck": struck, "said": said}
 
 
-def in_a_room_of_its_own(work):
-    """Return what ``work`` (a line of Python) prints where it may mount disks; None where not."""
+def room():
+    """Return the command that gives a process disks of its own to mount; None where not allowed."""
     unshare = shutil.which("unshare")
     if not unshare or subprocess.run([unshare, "-m", "true"], check=False).returncode:
         return None
-    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import faults; {work}"
-    done = subprocess.run(
-        [unshare, "-m", sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
-    if done.returncode == 77:
-        return None
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return (unshare, "-m")

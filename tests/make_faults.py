@@ -1,9 +1,13 @@
 """`porous make --out-of-core` and `porous resume` as a small job that faults befall."""
 
+import random
 import shutil
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
 
-from faults import Case, bare, contents
+from faults import Case, bare, contents, flip, mounted
 
 from porous import disk, workspace
 from porous.errors import DiskError, FormatError, RecipeError
@@ -109,3 +113,139 @@ class MendCase(MakeCase):
 
     def may_be(self):
         return {**super().may_be(), **{name: rotted(self.bytes[name]) for name in self.rotten}}
+
+
+class UnfinishedCase(MakeCase):
+    """A folder whose voxels are whole, and nothing else."""
+
+    def begin(self, folder):
+        def stop(stage, _):
+            if stage == "surface":
+                raise Stop
+
+        with suppress(Stop):
+            self.make(bare(folder), progress=stop)
+        assert (folder / workspace.UNFINISHED).exists()
+        return folder
+
+
+# --- bits that rot -----------------------------------------------------------------------
+
+
+def flips_of_chunks(case, folder, trials, seed):
+    """Flip one bit of a chunk of a made folder: it is whole no more, and resume mends it; a row."""
+    random_ = random.Random(seed)
+    shutil.copytree(case.folder, bare(folder))
+    names = sorted(name for name in case.bytes if "/c." in name)
+    mended = 0
+    for trial in range(trials):
+        name = random_.choice(names)
+        bit = random_.randrange(8 * len(case.bytes[name]))
+        flip(folder / name, bit)
+        assert not case.check(folder), f"bit {bit} of {name} was not noticed"
+        if trial % 10 == 0:
+            case.check_resumed(folder)
+            mended += 1
+        else:
+            flip(folder / name, bit)
+    return {"trials": trials, "mended_by_resume": mended}
+
+
+NAMES = ("grid.zarr/plan.json", "grid.zarr/zarr.json", "grid.zarr/fill/zarr.json")
+MENDED = (*NAMES, "grid.zarr/manifest.json")
+"""The small files that resume mends; each by what the others say."""
+TOLD = ("recipe.toml", workspace.UNFINISHED)
+"""Those that say what is wanted: nobody else knows."""
+
+
+def flips_of_small(case, folder, *, step=1, first=0):
+    """Flip every bit of every small file of a made folder; a row."""
+    shutil.copytree(case.folder, bare(folder))
+    found = mended = 0
+    for name in MENDED:
+        for bit in range(first, 8 * len(case.bytes[name]), step):
+            flip(folder / name, bit)
+            assert not case.check(folder), f"bit {bit} of {name} was not noticed"
+            found += 1
+            if found % 50 == 1:
+                case.check_resumed(folder)
+                mended += 1
+            else:
+                flip(folder / name, bit)
+    return {"trials": found, "mended_by_resume": mended}
+
+
+def flips_of_told(case, folder, name, *, step=1, first=0):
+    """Flip every bit of a file that says what is wanted: refused, unless it still says that.
+
+    Nothing that was done is lost meanwhile: with the bit flipped back, resume goes on.
+    """
+    case.begin(folder)
+    before = contents(folder)
+    refused = same = 0
+    for bit in range(first, 8 * len(before[name]), step):
+        flip(folder / name, bit)
+        said = refusal(lambda: workspace.resume(folder), FormatError, RecipeError)
+        if said:
+            assert str(folder) in said
+            assert "\n" not in said
+            flip(folder / name, bit)
+            assert contents(folder) == before, bit
+            refused += 1
+        else:
+            assert case.lasting(folder) == case.bytes
+            case.begin(folder)
+            same += 1
+    case.check_resumed(folder)
+    return {"trials": refused + same, "struck": refused}
+
+
+def refusal(work, *kinds):
+    try:
+        work()
+    except kinds as error:
+        return str(error)
+    return ""
+
+
+# --- small disks -------------------------------------------------------------------------
+
+
+def porous(*arguments):
+    """Run the command line; return exit code and what it says to standard error."""
+    command = [sys.executable, "-m", "porous", *map(str, arguments)]
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stderr
+
+
+def made(folder):
+    settings = [f"--set={key}={value}" for key, value in SETTINGS.items()]
+    how = ("--only", "measures", "--chunk", CHUNK, "--out-of-core", "-o", folder)
+    return porous("make", "menger", *settings, *how)
+
+
+def command_on_small_disks(case, place, sizes):
+    """Run `porous make --out-of-core` where a disk of so many kilobytes gets full; a row."""
+    disk_, said = Path(place) / "small", []
+    disk_.mkdir()
+    for size in sizes:
+        if not mounted(["-o", f"size={size}k"], disk_):
+            sys.exit(77)
+        folder = disk_ / "out"
+        code, text = made(folder)
+        complaints = [line for line in text.splitlines() if line.startswith("porous:")]
+        assert (code, len(complaints)) == (1, 1), text
+        assert text.splitlines()[-1:] == complaints, text
+        said += complaints
+        case.check_torn(folder)
+        assert not case.check(folder)
+        assert not list(disk_.rglob(f"{disk.TEMPORARY}*"))
+        mounted(["-o", "remount,size=64m"], disk_)
+        begun = (folder / workspace.UNFINISHED).exists()
+        code, text = porous("resume", folder) if begun else made(folder)
+        assert code == 0, text
+        assert case.lasting(folder) == case.bytes
+        subprocess.run(["umount", disk_], check=True)
+    return {"trials": len(sizes), "said": said}

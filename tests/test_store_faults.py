@@ -2,16 +2,12 @@
 
 import csv
 import errno
-import json
 import os
 import shutil
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import faults
-import numpy as np
 import pytest
 from faults import Case, bare, contents
 from power import power_cuts
@@ -20,7 +16,6 @@ import porous.formats as po_formats
 from porous import disk
 from porous.errors import DiskError, FormatError
 from porous.scale import Store
-from porous.values import Frame, SurfaceMesh, VoxelGrid
 
 HERE = Path(__file__).parent
 
@@ -45,21 +40,7 @@ def folder(base):
 
 def in_one_thread(base, work):
     """Return what a function of ``faults`` finds that forks, in a process of one thread."""
-    code = (
-        f"import sys, json; sys.path.insert(0, {str(HERE)!r}); import faults;"
-        f"case = faults.Case({str(bare(base / 'killed'))!r});"
-        f"print(json.dumps({work}))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return faults.found_of("faults.Case", base / "killed", work)
 
 
 @pytest.mark.parametrize("when", ["before", "amid", "after"])
@@ -122,15 +103,12 @@ def test_what_a_power_cut_leaves(case, base):
 
 
 def test_disks_that_are_too_small(base):
-    room = base / "room"
-    code = (
-        f"import json; case = faults.Case({str(room / 'case')!r});"
-        f"print(json.dumps(faults.small_disks(case, {str(room)!r}, [4, 24, 48, 72])))"
-    )
-    said = faults.in_a_room_of_its_own(code)
-    if said is None:
+    if faults.room() is None:
         pytest.skip("this user may not mount a small disk")
-    found = json.loads(said)
+    work = f"faults.small_disks(case, {str(base)!r}, [4, 24, 48, 72])"
+    found = faults.found_of("faults.Case", base / "room", work, wrapped=faults.room())
+    if found is None:
+        pytest.skip("this user may not mount a small disk")
     assert found["struck"] == 3
     assert all("no space left on device" in text for text in found["said"])
 
@@ -202,22 +180,18 @@ def test_the_study_held_in_full():
     assert all(float(said.split()[0]) >= 300 for said in speeds)
 
 
-GRID = VoxelGrid(
-    Frame((0, 0, 0), (1, 2, 3), (2, 3, 4)),
-    np.random.default_rng(0).integers(0, 256, (2, 3, 4)).astype(np.uint8),
-)
-TETRAHEDRON = SurfaceMesh(
-    np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]]),
-    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-)
-
-
-@pytest.mark.parametrize("suffix", [".vti", ".npz", ".stl", ".ply", ".obj"])
-def test_every_writer_leaves_the_old_file_or_the_new_one(base, suffix):
-    value = GRID if suffix in (".vti", ".npz") else TETRAHEDRON
+@pytest.mark.parametrize("name", faults.writers())
+def test_every_writer_leaves_the_old_file_or_the_new_one(base, name):
+    suffix, write = faults.writers()[name]
     place = bare(base / "file")
     place.mkdir()
-    found = faults.faults_of_writer(
-        lambda path: po_formats.write(value, path), place / f"x{suffix}", "EIO", persistent=False
-    )
+    found = faults.faults_of_writer(write, place / f"x{suffix}", "EIO", persistent=False)
     assert found["struck"] >= 6
+
+
+def test_there_is_an_example_for_every_format():
+    names = faults.writers()
+    for form in po_formats.formats():
+        assert not form.write or form.writes
+        assert all(f"{form.suffix} of a {kind.__name__}" in names for kind in form.writes)
+    assert {".stl, streamed", ".ply, streamed"} <= set(names)

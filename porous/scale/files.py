@@ -243,10 +243,10 @@ def check_empty(folder: Path) -> None:
     """Raise ``FormatError`` where a folder holds anything but what killed writers have left."""
     try:
         held = [path.name for path in folder.iterdir()]
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
+        if os.path.lexists(folder):  # a file, or a link to nowhere
+            raise FormatError(f"{folder}: is no folder; wanted an empty or a new one") from None
         return
-    except NotADirectoryError:
-        raise FormatError(f"{folder}: is no folder; wanted an empty or a new one") from None
     except OSError as error:
         raise DiskError(f"{folder}: cannot be listed: {str(error.strerror).lower()}") from None
     if PLAN in held:
