@@ -77,7 +77,7 @@ def make(
         result = pipeline.run(recipe, only=only, progress=progress)
         local, text = _localised(recipe, stage)
         disk.write_bytes(stage / "recipe.toml", text.encode())
-        _finish(replace(result, recipe=local), stage, only=only, progress=progress)
+        _finish(replace(result, recipe=local), stage, {"only": only}, progress)
         disk.commit(stage, folder, last=LAST, stale=_stale(Path(folder), text))
     return result
 
@@ -115,7 +115,7 @@ def make_stored(
     PorousError
         As ``run_stored``; what was done stays.
     """
-    place = disk.make_folder(folder)
+    place = disk.make_folder(folder).absolute()  # others may stand elsewhere
     with disk.locked(place):
         disk.sweep(place)
         return _stored(recipe, place, _How(only, chunk, map, progress))
@@ -196,7 +196,7 @@ def _stored(recipe: Recipe, place: Path, how: _How) -> Result:
     )
     with disk.staging(place) as stage:
         result = replace(result, recipe=with_files(recipe, _names(recipe)))
-        _finish(result, stage, only=how.only, progress=how.progress)
+        _finish(result, stage, {"only": how.only, "chunk": how.chunk}, how.progress)
         disk.commit(stage, place, last=LAST)
     disk.remove(place / UNFINISHED)
     disk.settle(place)
@@ -242,23 +242,28 @@ def _begun(place: Path) -> tuple[Recipe, tuple[str | None, int]]:
     identity = _identity(recipe)
     _check_store(place, identity)
     if not _is_there(place / UNFINISHED):
-        return recipe, (_wanted(_logged(place)), CHUNK)
+        return recipe, _asked(_logged(place))
     note = read_sealed(place / UNFINISHED)
     check_same(place, str(note.get("recipe_sha256")), identity)
-    chunk = note.get("chunk")
-    return recipe, (_wanted(note.get("only")), chunk if isinstance(chunk, int) else CHUNK)
+    return recipe, _asked(note)
 
 
-def _logged(place: Path) -> object:
-    """Return what was asked for of a finished folder."""
+def _logged(place: Path) -> dict[str, Any]:
+    """Return the log of a finished folder; nothing where it is of no use."""
     try:
-        return json.loads(_held(place / LOG) or b"").get("only")
-    except (ValueError, AttributeError, RecursionError):
-        return None
+        log = json.loads(_held(place / LOG) or b"")
+    except (ValueError, RecursionError):
+        return {}
+    return log if isinstance(log, dict) else {}
 
 
-def _wanted(asked: object) -> str | None:
-    return asked if isinstance(asked, str) and asked in pipeline.WANTED else None
+def _asked(note: dict[str, Any]) -> tuple[str | None, int]:
+    """Return what a note says was asked for, and in what chunks."""
+    only, chunk = note.get("only"), note.get("chunk")
+    return (
+        only if isinstance(only, str) and only in pipeline.WANTED else None,
+        chunk if isinstance(chunk, int) and chunk > 0 else CHUNK,
+    )
 
 
 def _identity(recipe: Recipe) -> str:
@@ -336,13 +341,13 @@ def _row(value: Any) -> dict[str, Any]:
     }
 
 
-def _finish(result: Result, stage: Path, *, only: str | None, progress: Progress | None) -> None:
+def _finish(result: Result, stage: Path, asked: dict[str, Any], progress: Progress | None) -> None:
     """Write all that came of a recipe, but for the recipe itself."""
     for name, value in _artefacts(result):
         _write(value, stage / name)
-    if only is None:
+    if asked["only"] is None:
         _report(result, stage / "report.html", progress)
-    disk.write_bytes(stage / LOG, _json({"only": only, **_log(result)}))
+    disk.write_bytes(stage / LOG, _json({**asked, **_log(result)}))
     disk.write_bytes(stage / LAST, _json(record(result)))
 
 

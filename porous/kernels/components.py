@@ -189,8 +189,8 @@ class United(NamedTuple):
 
 def unite(
     voxels: NDArray[np.int64],
-    owners: NDArray[np.int64],
-    turns: NDArray[np.int64],
+    owners: NDArray[np.int32],
+    turns: NDArray[np.int32],
     sizes: NDArray[np.int64],
     marks: NDArray[np.int64],
     *,
@@ -203,8 +203,8 @@ def unite(
     voxels
         int64, shape (m,), ascending: voxels of the grid that were seen.
     owners, turns
-        int64, shapes (m,) and (m, 3): whose voxel it was, and how many periods off the grid, per
-        axis, that one's block saw it.
+        int32, shapes (m,) and (m, 3): whose voxel it was, and how many periods off the grid, per
+        axis, that one's block saw it; (0, 3) where none saw any off it.
     sizes, marks
         int64, shape (n,): of each component.
     around
@@ -220,7 +220,9 @@ def unite(
     parent = np.arange(len(sizes))
     places = np.zeros((len(sizes), 3), np.int64)
     sizes, marks = sizes.copy(), marks.copy()
-    _unite(voxels, owners, turns, parent, places, sizes, marks, around)
+    moved = int(len(turns) > 0)
+    at = turns if moved else np.zeros((1, 3), np.int32)
+    _unite(voxels, owners, at, moved, parent, places, sizes, marks, around)
     numbers = np.empty(len(sizes), np.int64)
     _number(parent, places, numbers)
     first = parent == np.arange(len(sizes))
@@ -373,15 +375,16 @@ def _touch(offsets, starts, stops, labels, rows, found):
 
 
 @kernel
-def _unite(voxels, owners, turns, parent, places, sizes, marks, around):
+def _unite(voxels, owners, turns, moved, parent, places, sizes, marks, around):
     """Join the owners of equal voxels in a forest; places are from the parent, roots are first."""
     for s in range(1, len(voxels)):
         if voxels[s] != voxels[s - 1]:
             continue
-        a, b = owners[s - 1], owners[s]
-        x = turns[s - 1, 0] - turns[s, 0]
-        y = turns[s - 1, 1] - turns[s, 1]
-        z = turns[s - 1, 2] - turns[s, 2]
+        a, b = np.int64(owners[s - 1]), np.int64(owners[s])
+        p, q = (s - 1) * moved, s * moved
+        x = np.int64(turns[p, 0]) - turns[q, 0]
+        y = np.int64(turns[p, 1]) - turns[q, 1]
+        z = np.int64(turns[p, 2]) - turns[q, 2]
         while parent[a] != a:
             places[a] += places[parent[a]]
             parent[a] = parent[parent[a]]

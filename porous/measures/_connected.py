@@ -8,7 +8,7 @@ and what it touches: a sum takes no more memory than its border.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -130,14 +130,15 @@ class Sightings:
     """Voxels that several tiles see, and which piece each tile found there.
 
     ``voxels`` are their numbers in the whole grid, int64, shape (m,), ascending; ``owners`` the
-    pieces; ``turns``, shape (m, 3), how many periods off the grid the tile saw them. The tile
-    that a voxel is of sees it, and so does every one that has a voxel above it, along one or more
-    axes: each of the eight lattice vertices about it belongs to one tile's block. ``weights``
-    says how many of them a sighting has; with ``SIGHTINGS`` of them no other tile sees the voxel.
+    pieces, int32; ``turns``, int32, shape (m, 3), how many periods off the grid the tile saw them,
+    or (0, 3) where no axis is periodic. The tile that a voxel is of sees it, and so does every one
+    that has a voxel above it, along one or more axes: each of the eight lattice vertices about it
+    belongs to one tile's block. ``weights``, int8, says how many of them a sighting has; with
+    ``SIGHTINGS`` of them no other tile sees the voxel.
     """
 
     voxels: Ints
-    owners: Ints
+    owners: NDArray[np.int32]
     turns: NDArray[np.int32]
     weights: NDArray[np.int8]
 
@@ -145,39 +146,38 @@ class Sightings:
         return len(self.voxels)
 
     def __getitem__(self, chosen: Ints | Bools) -> Sightings:
-        return Sightings(
-            self.voxels[chosen], self.owners[chosen], self.turns[chosen], self.weights[chosen]
-        )
+        turns = self.turns[chosen] if len(self.turns) else self.turns
+        return Sightings(self.voxels[chosen], self.owners[chosen], turns, self.weights[chosen])
 
     def beside(self, other: Sightings, first: int) -> Sightings:
         """Return both, in order; the other's pieces are numbered from ``first`` on."""
-        later = Sightings(other.voxels, other.owners + first, other.turns, other.weights)
-        return Sightings.of([self, later])
+        owners = (other.owners + np.int32(first)).astype(np.int32)
+        return Sightings.of([self, Sightings(other.voxels, owners, other.turns, other.weights)])
 
     @classmethod
     def of(cls, parts: Sequence[Sightings]) -> Sightings:
         """Return all of them, in order; of no parts there are none."""
-        parts = [
-            cls(
-                np.zeros(0, np.int64),
-                np.zeros(0, np.int64),
-                np.zeros((0, 3), np.int32),
-                np.zeros(0, np.int8),
-            ),
-            *parts,
-        ]
-        voxels, owners, turns, weights = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("voxels", "owners", "turns", "weights")
+        voxels: Ints = np.concatenate([part.voxels for part in parts] or [np.zeros(0, np.int64)])
+        order = np.argsort(voxels, kind="stable")
+
+        def sorted_(name: str, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
+            found = [getattr(part, name) for part in parts]
+            joined = np.concatenate([np.zeros(shape, dtype), *found])
+            return joined[order] if len(joined) else joined
+
+        return cls(
+            voxels[order],
+            sorted_("owners", (0,), np.int32),
+            sorted_("turns", (0, 3), np.int32),
+            sorted_("weights", (0,), np.int8),
         )
-        return cls(voxels, owners, turns, weights)[np.argsort(voxels, kind="stable")]
 
     def unfinished(self) -> Sightings:
         """Return one sighting of each voxel that other tiles see too; all have one owner."""
         if not len(self):
             return self
         first = np.flatnonzero(np.diff(self.voxels, prepend=-1))
-        weights = np.add.reduceat(self.weights, first)
+        weights = np.add.reduceat(self.weights, first, dtype=np.int8)
         left = weights < SIGHTINGS
         kept = self[first[left]]
         return Sightings(kept.voxels, kept.owners, kept.turns, weights[left])
@@ -224,16 +224,16 @@ def _joined(done: Pieces, sizes: Ints, marks: Ints, seen: Sightings) -> PieceCou
     Each piece has a place in the plane unrolled along the periodic axes; where walking around by
     overlaps leads back to it at another place, it winds around, and never ends.
     """
-    turns = seen.turns.astype(np.int64)
-    one = unite(seen.voxels, seen.owners, turns, sizes, marks, around=ENDLESS)
-    placed = turns + one.places[seen.owners]
-    left = Sightings(
-        seen.voxels, one.numbers[seen.owners], placed.astype(np.int32), seen.weights
-    ).unfinished()
+    one = unite(seen.voxels, seen.owners, seen.turns, sizes, marks, around=ENDLESS)
+    turns = seen.turns
+    if len(turns):
+        turns = (turns + one.places[seen.owners]).astype(np.int32)
+    owners = one.numbers[seen.owners].astype(np.int32)
+    left = Sightings(seen.voxels, owners, turns, seen.weights).unfinished()
     again = np.zeros(len(one.sizes), bool)
     again[left.owners] = True
     alone = Pieces(one.sizes[~again], one.marks[~again], np.ones((~again).sum(), np.int64))
-    numbers = np.cumsum(again) - 1
+    numbers = (np.cumsum(again) - 1).astype(np.int32)
     left = Sightings(left.voxels, numbers[left.owners], left.turns, left.weights)
     return PieceCounts(done + alone, one.sizes[again], one.marks[again], left)
 
@@ -291,7 +291,7 @@ def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[Sightings
     """Yield the voxels of a phase that another block may see, each once."""
     shape = block.fill.shape
     index = [np.arange(n) + a - h for n, a, h in zip(shape, block.first, block.halo, strict=True)]
-    weights = [_weights(block, axis) for axis in range(3)]
+    weights, moved = [_weights(block, axis) for axis in range(3)], any(frame.periodic)
     for axis in range(3):
         for layer in np.flatnonzero(weights[axis] == 1):
             labels = layer_labels(runs, shape, axis, int(layer))
@@ -300,7 +300,7 @@ def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[Sightings
                 cut[other] = weights[other] == 1
                 labels[tuple(cut)] = 0
             where = list(np.nonzero(labels))
-            owners = labels[tuple(where)].astype(np.int64) - 1
+            owners = (labels[tuple(where)] - 1).astype(np.int32)
             where.insert(axis, np.full(len(owners), layer))
             turns, places = zip(
                 *(np.divmod(i[w], n) for i, w, n in zip(index, where, frame.shape, strict=True)),
@@ -310,7 +310,7 @@ def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[Sightings
             yield Sightings(
                 np.asarray(np.ravel_multi_index(places, frame.shape)),
                 owners,
-                np.stack(turns, axis=1).astype(np.int32),
+                np.stack(turns, axis=1).astype(np.int32) if moved else np.zeros((0, 3), np.int32),
                 np.prod(each, axis=0, dtype=np.int8),
             )
 
