@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from porous.pipeline import Result, run
     from porous.recipe import Recipe, build, load
     from porous.report import write_report
+    from porous.scale import StoredGrid
     from porous.stages import (
         exact_surface,
         extract_surface,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         name_parts,
         simplify,
         smooth,
+        stream_surface,
         tetrahedralize,
         voxelize,
     )
@@ -49,7 +51,7 @@ if TYPE_CHECKING:
         VoxelGrid,
     )
     from porous.view import show
-    from porous.workspace import make
+    from porous.workspace import make, make_stored, resume
 
 _HOMES = {
     "certificate": ("Certificate",),
@@ -73,6 +75,7 @@ _HOMES = {
     "pipeline": ("Result", "run"),
     "recipe": ("Recipe", "build", "load"),
     "report": ("write_report",),
+    "scale": ("StoredGrid",),
     "stages": (
         "exact_surface",
         "extract_surface",
@@ -81,6 +84,7 @@ _HOMES = {
         "name_parts",
         "simplify",
         "smooth",
+        "stream_surface",
         "tetrahedralize",
         "voxelize",
     ),
@@ -96,7 +100,7 @@ _HOMES = {
         "VoxelGrid",
     ),
     "view": ("show",),
-    "workspace": ("make",),
+    "workspace": ("make", "make_stored", "resume"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -121,6 +125,7 @@ __all__ = [
     "Recipe",
     "RecipeError",
     "Result",
+    "StoredGrid",
     "SurfaceMesh",
     "ViewError",
     "VolumeMesh",
@@ -134,14 +139,17 @@ __all__ = [
     "ifs",
     "load",
     "make",
+    "make_stored",
     "measures",
     "mesh_cells",
     "name_parts",
     "read",
+    "resume",
     "run",
     "show",
     "simplify",
     "smooth",
+    "stream_surface",
     "tetrahedralize",
     "voxelize",
     "write",

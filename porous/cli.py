@@ -131,15 +131,29 @@ def make(
         int | None, Parameter(help="Voxels along the edges of a chunk that is stored out of core.")
     ] = None,
     cluster: Cluster = None,
+    dry_run: Annotated[
+        bool,
+        Parameter(
+            negative="", show_default=False, help="Say what memory, disk and time it would take."
+        ),
+    ] = False,
     as_json: Json = False,
     max_memory: Memory = None,
 ) -> None:
     """Make everything that a recipe says, into a folder: voxels, surface, mesh, deck, report."""
     from porous import workspace
+    from porous.scale.estimate import check, estimate
 
+    stored = out_of_core or cluster is not None
     with _memory(max_memory), _of(source), _Progress() as progress:
         recipe = _load(source, values, voxels)
-        if out_of_core or cluster is not None:
+        expected = estimate(recipe, only=only, out_of_core=stored)
+        if dry_run:
+            print(expected)
+            return
+        check(expected)
+        _tell(expected.summary)
+        if stored:
             how = {} if chunk is None else {"chunk": chunk}
             with _workers(cluster) as map_:
                 made = workspace.make_stored(
@@ -338,8 +352,13 @@ def _verdict(error: BaseException) -> tuple[int, str]:
 
 
 def _complain(text: str) -> None:
+    _tell(f"porous: {' '.join(text.split())}")
+
+
+def _tell(text: str) -> None:
+    """Say something on stderr, if anybody listens."""
     with contextlib.suppress(OSError):
-        print("porous:", " ".join(text.split()), file=sys.stderr, flush=True)
+        print(text, file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
@@ -449,8 +468,7 @@ class _Progress:
         begin = self.begun.setdefault(stage, now)
         if done >= 1:
             del self.begun[stage]
-            with contextlib.suppress(OSError):
-                print(f"{stage}: {now - begin:.1f} s", file=sys.stderr, flush=True)
+            _tell(f"{stage}: {now - begin:.1f} s")
 
 
 def _print_result(result: Result, *, every: bool) -> None:

@@ -118,6 +118,11 @@ class SurfaceSection(Section):
     smooth: int = Field(
         default=0, ge=0, le=1000, description="a number of smoothing steps, from 0 to 1000"
     )
+    volume: Literal["own", "fills"] = Field(
+        default="own",
+        description='"own" or "fills": what volume a surface of voxels is to enclose; marching '
+        "cubes rounds edges off, the fills do not",
+    )
     simplify: float = Field(
         default=1.0, gt=0, le=1, description="the share of triangles to keep, above 0 up to 1"
     )
@@ -127,6 +132,10 @@ class SurfaceSection(Section):
         if self.smooth and self.method == "exact":
             raise ValueError(
                 'smooth: an exact boundary has no steps to smooth; wanted method = "marching-cubes"'
+            )
+        if self.volume == "fills" and self.method == "exact":
+            raise ValueError(
+                'volume: an exact boundary encloses its own; wanted method = "marching-cubes"'
             )
         return self
 

@@ -134,3 +134,24 @@ def test_a_model_that_moves_is_measured_alike():
     first, second = (run(parse(table), only="voxels") for table in tables)
     assert first.grid == second.grid
     assert first.measures == second.measures
+
+
+def test_a_surface_may_enclose_the_volume_of_the_fills():
+    """What marching cubes cut off comes back; triangles and topology stay."""
+    settings = {"voxels.voxels": 40, "surface.method": "marching-cubes", "model.level": 1}
+    plain = run(load("sierpinski-tetrahedron", set=settings), only="measures")
+    fitted = run(
+        load("sierpinski-tetrahedron", set={**settings, "surface.volume": "fills"}),
+        only="measures",
+    )
+    fills = plain.measures["volume", "voxel fill"].value
+    assert plain.surface.volume < 0.985 * fills
+    assert fitted.surface.volume == pytest.approx(fills, 1e-9)
+    assert fitted.surface.euler_number == plain.surface.euler_number
+    assert len(fitted.surface.triangles) == len(plain.surface.triangles)
+    assert any(note.startswith("surface moved to the volume of the fills") for note in fitted.notes)
+
+
+def test_an_exact_boundary_encloses_its_own_volume():
+    with pytest.raises(RecipeError, match="volume: an exact boundary encloses its own"):
+        load("menger", set={"surface.method": "exact", "surface.volume": "fills"})

@@ -109,6 +109,7 @@ def _check(recipe: Recipe) -> None:
     how = recipe.surface
     asked = {
         "surface.smooth": (how.smooth, not how.smooth, "0"),
+        "surface.volume": (how.volume, how.volume == "own", '"own"'),
         "surface.simplify": (how.simplify, how.simplify == 1, "1"),
         "surface.method": (how.method, how.method != "voxel-faces", '"marching-cubes"'),
     }

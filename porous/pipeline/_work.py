@@ -125,8 +125,10 @@ class Work:
 
     def extract_surface(self) -> None:
         method = self.recipe.surface.method
-        # Steps to smooth are those of voxels.
-        if method == "exact" or (method == "auto" and not self.recipe.surface.smooth):
+        # Steps to smooth and edges cut off are those of voxels.
+        how = self.recipe.surface
+        of_voxels = how.smooth or how.volume == "fills"
+        if method == "exact" or (method == "auto" and not of_voxels):
             self._exact_surface(required=method == "exact")
         if self.surface is None:
             self._voxel_surface()
@@ -147,11 +149,15 @@ class Work:
         from porous.stages import simplify, smooth
 
         how, smoothed = self.recipe.surface, made
-        if how.smooth:
+        wanted = self._fills_volume() if how.volume == "fills" else None
+        if how.smooth or wanted is not None:
             smoothed = self.surface = self._timed(
-                "smooth", lambda report: smooth(made, iterations=how.smooth, progress=report)
+                "smooth",
+                lambda report: smooth(made, iterations=how.smooth, volume=wanted, progress=report),
             )
-            self.notes.append(_told(f"smoothed in {how.smooth} steps", made, smoothed))
+            what = f"smoothed in {how.smooth} steps" if how.smooth else "moved"
+            what += " to the volume of the fills" if wanted is not None else ""
+            self.notes.append(_told(what, made, smoothed))
         if how.simplify < 1:
             self.surface = self._timed(
                 "simplify", lambda report: simplify(smoothed, keep=how.simplify, progress=report)
@@ -161,6 +167,11 @@ class Work:
             if share > 1.01 * how.simplify:
                 what += ", for fewer would not keep its topology and volume"
             self.notes.append(_told(what, smoothed, self.surface))
+
+    def _fills_volume(self) -> float:
+        from porous.measures import volume
+
+        return volume(self._solid_grid()).value
 
     def _exact_surface(self, *, required: bool) -> None:
         from porous.models.model import HasBoundary
