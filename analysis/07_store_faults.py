@@ -1,18 +1,22 @@
-"""What deaths, failing disks, rotten bits and power cuts do to a store, and to files at large.
+"""What deaths, failing disks, rotten bits and power cuts do to a store, and to all that writes.
 
 Each row tells an experiment: how many trials, in how many of them the fault struck (a work may end
 before it, or not depend on what failed), what was demanded after every single one of them, and in
 how many it did not hold. One that does not hold ends the study with an error. The store is
-small, so that every call to the disk can fail once; its code is that of large ones. The last rows
-tell what chunks cost.
+small, so that every call to the disk can fail once; its code is that of large ones. "make" is
+``porous make --out-of-core`` of a Menger sponge, resumed where it was begun: voxels, surface and
+measures; "mend" is ``porous resume`` where two chunks have rotted. The last rows tell what chunks
+cost.
+
+``POROUS_STEP=25`` takes every 25th call, bit and trial of these two only.
 """
 
 import os
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # children are forked, which threads do not like
+os.environ["POROUS_THREADS"] = "1"  # and calls are counted, which threads would make in any order
 
 import csv
-import json
 import sys
 import tempfile
 import time
@@ -22,6 +26,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "tests"))
 
 import faults  # noqa: E402
+import make_faults  # noqa: E402
 import numpy as np  # noqa: E402
 from power import power_cuts  # noqa: E402
 
@@ -29,6 +34,7 @@ from porous import disk  # noqa: E402
 from porous.scale import Store, StoredGrid  # noqa: E402
 from porous.values import Frame  # noqa: E402
 
+STEP = int(os.environ.get("POROUS_STEP", "1"))
 RESULTS = Path(os.environ.get("POROUS_RESULTS", HERE / "results"))
 MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 NOTHING = "no torn file; refused or right; resumed to the same bytes"
@@ -56,6 +62,73 @@ def deaths(case, folder):
     found = faults.kills_at_calls(case, folder, writes, "amid")
     yield row("killed amid every write", NOTHING, found)
     yield row("killed at random times", NOTHING, faults.kills_at_random(case, folder, 200, seed=1))
+
+
+def made(base):
+    """The whole of making out of core and resuming; first what forks, for threads end that."""
+    make, mend = make_faults.MakeCase(base / "made"), make_faults.MendCase(base / "mended")
+    folder = base / "out"
+    yield from deaths_of_made(make, folder, "make", ("before", "amid", "after"))
+    yield from deaths_of_made(mend, folder, "mend", ("before",))
+    found = faults.kills_at_random(make, folder, max(1, 200 // STEP), seed=7)
+    yield row("make: killed at random times", NOTHING, found)
+    found = power_cuts(make, base, trials=2, seed=8, step=STEP)
+    yield row("make: power cut after every step", NOTHING, found)
+    for case, what, errors in ((make, "make", ERRORS), (mend, "mend", ERRORS[2:3])):
+        for code, persistent in errors:
+            found = faults.faults(case, folder, code, persistent=persistent, step=STEP)
+            yield row(f"{what}: {code} {way(persistent)}", NOTHING, found)
+    for seed in range(20):
+        with make.calls(faults.short_writes(seed), folder):
+            make.go_on(faults.bare(folder))
+        assert make.lasting(folder) == make.bytes
+    yield row("make: short writes", "the same bytes", {"trials": 20})
+    yield from rot_of_made(make, base)
+    yield from full_disks_of_made(base)
+
+
+def deaths_of_made(case, folder, what, times):
+    names = faults.undisturbed(case, folder)
+    for when in times:
+        among = ("write",) if when == "amid" else names
+        numbers = [i for i, name in enumerate(names, 1) if name in among][::STEP]
+        found = faults.kills_at_calls(case, folder, numbers, when)
+        assert found["struck"] == found["trials"]
+        which = "write" if when == "amid" else "call to the disk"
+        yield row(f"{what}: killed {when} every {which}", NOTHING, found)
+
+
+def rot_of_made(case, base):
+    folder, demanded = base / "out", "not whole; mended by resuming, to the same bytes"
+    found = make_faults.flips_of_chunks(case, folder, 2000 // STEP, seed=9)
+    note = f"{found['mended_by_resume']} of them resumed"
+    yield row("make: a bit flipped in a chunk", demanded, found, note=note)
+    found = make_faults.flips_of_small(case, folder, step=STEP)
+    note = f"{found['mended_by_resume']} of them resumed"
+    yield row("make: every bit of the store's other files", demanded, found, note=note)
+    unfinished = make_faults.UnfinishedCase(base / "unfinished")
+    found = make_faults.flips_of_counts(unfinished, folder, max(1, 300 // STEP), seed=10)
+    yield row("make: a bit flipped in counts written down", "the same bytes", found)
+    for name in make_faults.TOLD:
+        found = make_faults.flips_of_told(unfinished, folder, name, step=STEP)
+        note = f"{found['trials'] - found['struck']} say the same as before"
+        demanded = "refused in one line, nothing lost; or the same bytes"
+        yield row(f"make: every bit of {name}, unfinished", demanded, found, note=note)
+
+
+def full_disks_of_made(base):
+    sizes = [8, 24, 40, 60, 80, 100, 120, 140][:: min(STEP, 4)]
+    work = f"make_faults.command_on_small_disks(case, {str(base)!r}, {sizes})"
+    found = in_a_room("make_faults.MakeCase", base, work)
+    note = "by the command line" if found["trials"] else "not allowed to mount"
+    yield row("make: disks that get full", f"one line, {NOTHING}", found, note=note)
+
+
+def in_a_room(case, base, work):
+    """Return a row of what needs disks of its own; an empty one where mounting is not allowed."""
+    wrapped = faults.room()
+    found = wrapped and faults.found_of(case, base / "room", work, wrapped=wrapped)
+    return found or {"trials": 0}
 
 
 def power(case, base):
@@ -114,37 +187,25 @@ def way(persistent):
 
 def small_disks(base):
     sizes = [4, 8, 16, 24, 32, 40, 48, 56]
-    room = str(base / "room")
-    work = (
-        f"import json; case = faults.Case({room + '/case'!r});"
-        f"print(json.dumps(faults.small_disks(case, {room!r}, {sizes})))"
-    )
-    said = faults.in_a_room_of_its_own(work)
-    found = json.loads(said) if said else {"trials": 0}
-    yield row("disks of 4 to 56 kB", NOTHING, found, note="" if said else "not allowed to mount")
+    found = in_a_room("faults.Case", base, f"faults.small_disks(case, {str(base)!r}, {sizes})")
+    note = "" if found["trials"] else "not allowed to mount"
+    yield row("disks of 4 to 56 kB", NOTHING, found, note=note)
 
 
 def writers(base):
     """Every writer of files there is, each by an example of what it takes, and whole folders."""
     import porous as po
 
-    grid = po.voxelize(po.build(po.load("cantor-dust", set={"model.level": 1})), voxels=6)
-    surface, volume = po.extract_surface(grid), po.hexahedralize(grid)
-    examples = [(grid, ".vti"), (grid, ".npz"), (surface, ".stl"), (surface, ".ply")]
-    examples += [(surface, ".obj"), (volume, ".vtu"), (volume, ".inp")]
-    for value, suffix in examples:
+    for name, (suffix, write) in faults.writers().items():
         total = {"trials": 0, "struck": 0}
         for code, persistent in ERRORS:
             place = faults.bare(base / "file")
             place.mkdir()
-            found = faults.faults_of_writer(
-                lambda path, value=value: po.write(value, path),
-                place / f"x{suffix}",
-                code,
-                persistent=persistent,
-            )
+            path = place / f"x{suffix}"
+            found = faults.faults_of_writer(write, path, code, persistent=persistent)
             total = {key: total[key] + found[key] for key in total}
-        yield row(f"{len(ERRORS)} errors at every call, {suffix}", "old file or new, whole", total)
+        demanded = "old file or new, whole; short writes the same"
+        yield row(f"{len(ERRORS)} errors at every call, {name}", demanded, total)
     recipe = po.load("cantor-dust", set={"model.level": 1, "voxels.voxels": 6})
     for code, persistent in ERRORS[:2]:
         found = faults.faults_of_folder(
@@ -218,6 +279,7 @@ def study():
         base = Path(place)
         case, folder = faults.Case(base / "case"), base / "grid.zarr"
         yield from deaths(case, folder)
+        yield from made(base)
         yield from power(case, base)
         yield from rot(case, folder)
         yield from failing_disks(case, folder)

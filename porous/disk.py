@@ -78,8 +78,8 @@ def settle(folder: str | Path) -> None:
         _sync_folder(_name(folder))
 
 
-def sweep(folder: str | Path) -> None:
-    """Remove the temporaries, files and folders, that killed writers have left in a folder.
+def sweep(folder: str | Path, pattern: str = f"{TEMPORARY}*") -> None:
+    """Remove what has such a name from a folder: the temporaries that killed writers have left.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def sweep(folder: str | Path) -> None:
         Where the folder cannot be listed, or one of them cannot be removed.
     """
     with _refusals(Path(folder)):
-        for left in list(_name(folder).glob(f"{TEMPORARY}*")):
+        for left in list(_name(folder).glob(pattern)):
             if left.is_dir() and not left.is_symlink():
                 shutil.rmtree(left)
             else:

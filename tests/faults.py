@@ -528,7 +528,7 @@ def mounted(options, place):
 def small_disks(case, place, sizes):
     """Fill up disks of these many kilobytes, then make them larger and go on; return a row."""
     disk_, struck, said = Path(place) / "small", 0, []
-    disk_.mkdir()
+    disk_.mkdir(exist_ok=True)
     for size in sizes:
         if not mounted(["-o", f"size={size}k"], disk_):
             sys.exit(77)

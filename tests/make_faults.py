@@ -5,7 +5,9 @@ import shutil
 import subprocess
 import sys
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 from faults import Case, bare, contents, flip, mounted
 
@@ -13,6 +15,8 @@ from porous import disk, workspace
 from porous.errors import DiskError, FormatError, RecipeError
 from porous.recipe import load
 from porous.scale import Store
+from porous.scale.sealed import unseal
+from porous.scale.tally import Tally, _told
 
 SETTINGS = {"model.level": 1, "voxels.voxels": 9, "surface.method": "marching-cubes"}
 CHUNK = 5
@@ -26,6 +30,20 @@ def lasting(folder):
 
 def rotted(data):
     return bytes((*data[:9], data[9] ^ 4, *data[10:]))
+
+
+def counts_written_down():
+    """Have counts written down after every tile, as if they took long."""
+    return patch("porous.pipeline._stored.Tally", partial(Tally, every=0.0))
+
+
+def tells_of_counts(name, data):
+    """Return whether a file is one of counts; fail where it is torn."""
+    if not name.endswith(".tally"):
+        return False
+    header = unseal(data[21 : 21 + int(data[:20])])
+    done, sums = _told(data, header["of"])
+    return done > 0 and len(sums) > 0
 
 
 class Stop(Exception):
@@ -49,7 +67,8 @@ class MakeCase(Case):
         return lasting(folder)
 
     def make(self, folder, **how):
-        return workspace.make_stored(self.recipe, folder, only="measures", chunk=CHUNK, **how)
+        with counts_written_down():
+            return workspace.make_stored(self.recipe, folder, only="measures", chunk=CHUNK, **how)
 
     def _unfinished(self):
         """Return the bytes that tell what an unfinished folder is of."""
@@ -67,7 +86,8 @@ class MakeCase(Case):
     def go_on(self, folder):
         """Resume, or make where nothing is to be resumed, as a user would."""
         try:
-            return workspace.resume(folder)
+            with counts_written_down():
+                return workspace.resume(folder)
         except FormatError:
             return self.make(folder)
 
@@ -87,7 +107,7 @@ class MakeCase(Case):
         may_be = self.may_be()
         for name, data in self.lasting(folder).items():
             right = (self.bytes.get(name), may_be.get(name))
-            assert disk.TEMPORARY in name or data in right, name
+            assert disk.TEMPORARY in name or data in right or tells_of_counts(name, data), name
 
     def may_be(self):
         """Return what else a file may hold before all is done."""
@@ -106,6 +126,7 @@ class MendCase(MakeCase):
     rotten = ("grid.zarr/fill/c.0.1.0", "grid.zarr/fill/c.1.1.1")
 
     def begin(self, folder):
+        folder = Path(folder)
         shutil.copytree(self.folder, bare(folder))
         for name in self.rotten:
             (folder / name).write_bytes(rotted(self.bytes[name]))
@@ -116,17 +137,23 @@ class MendCase(MakeCase):
 
 
 class UnfinishedCase(MakeCase):
-    """A folder whose voxels are whole, and nothing else."""
+    """A folder whose voxels and surface are whole, and some counts written down."""
 
     def begin(self, folder):
-        def stop(stage, _):
-            if stage == "surface":
+        folder = Path(folder)
+
+        def stop(*_):
+            if self.tallies(folder):
                 raise Stop
 
         with suppress(Stop):
             self.make(bare(folder), progress=stop)
         assert (folder / workspace.UNFINISHED).exists()
+        assert self.tallies(folder)
         return folder
+
+    def tallies(self, folder):
+        return sorted(path.name for path in folder.glob("counts-*.tally"))
 
 
 # --- bits that rot -----------------------------------------------------------------------
@@ -173,6 +200,17 @@ def flips_of_small(case, folder, *, step=1, first=0):
             else:
                 flip(folder / name, bit)
     return {"trials": found, "mended_by_resume": mended}
+
+
+def flips_of_counts(case, folder, trials, seed):
+    """Flip a bit of counts that were written down: they are counted anew, to the same; a row."""
+    random_ = random.Random(seed)
+    for _ in range(trials):
+        case.begin(folder)
+        path = folder / random_.choice(case.tallies(folder))
+        flip(path, random_.randrange(8 * path.stat().st_size))
+        case.check_resumed(folder)
+    return {"trials": trials}
 
 
 def flips_of_told(case, folder, name, *, step=1, first=0):
@@ -229,7 +267,7 @@ def made(folder):
 def command_on_small_disks(case, place, sizes):
     """Run `porous make --out-of-core` where a disk of so many kilobytes gets full; a row."""
     disk_, said = Path(place) / "small", []
-    disk_.mkdir()
+    disk_.mkdir(exist_ok=True)
     for size in sizes:
         if not mounted(["-o", f"size={size}k"], disk_):
             sys.exit(77)

@@ -57,7 +57,7 @@ def killed(base, name, numbers, when):
 
 
 def test_killed_at_a_call_to_the_disk(base):
-    assert killed(base, "MakeCase", "[4::60]", "before") >= 6
+    assert killed(base, "MakeCase", "[4::90]", "before") >= 5
 
 
 @pytest.mark.slow
@@ -117,14 +117,14 @@ def test_what_a_power_cut_leaves(case, base):
 
 @pytest.mark.slow
 def test_what_many_power_cuts_leave(case, base):
-    assert power_cuts(case, base, trials=1, seed=5, step=4)["trials"] >= 40
+    assert power_cuts(case, base, trials=1, seed=5, step=4)["trials"] >= 30
 
 
 @pytest.mark.slow
 def test_a_disk_that_gets_full(base):
     if faults.room() is None:
         pytest.skip("this user may not mount a small disk")
-    work = f"make_faults.command_on_small_disks(case, {str(base)!r}, [8, 40, 100])"
+    work = f"make_faults.command_on_small_disks(case, {str(base)!r}, [8, 100])"
     found = faults.found_of("make_faults.MakeCase", base / "room", work, wrapped=faults.room())
     if found is None:
         pytest.skip("this user may not mount a small disk")
@@ -154,6 +154,10 @@ def test_a_flipped_bit_of_a_small_file_is_found_and_mended(case, folder):
 def test_a_flipped_bit_of_what_is_wanted_is_refused(unfinished, folder, name):
     found = make_faults.flips_of_told(unfinished, folder, name, step=401, first=3)
     assert found["struck"] >= 4
+
+
+def test_a_flipped_bit_of_counts_written_down_changes_nothing(unfinished, folder):
+    make_faults.flips_of_counts(unfinished, folder, 5, seed=1)
 
 
 def test_a_changed_recipe_is_refused_and_nothing_lost(case, folder, capsys):

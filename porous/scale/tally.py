@@ -79,9 +79,14 @@ class Tally:
         self._last = time.monotonic()
 
     def clear(self) -> None:
-        """Remove the files: what they are for has been done."""
-        for path in self.folder.glob("counts-*.tally"):
-            disk.remove(path)
+        """Remove the files: what they are for has been done.
+
+        Raises
+        ------
+        DiskError
+            Where the disk refuses.
+        """
+        disk.sweep(self.folder, "counts-*.tally")
 
     def _file(self, name: str) -> Path:
         return self.folder / f"counts-{name[:12]}.tally"
