@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
+import sys
 import time
 import tracemalloc
 from dataclasses import replace
@@ -14,7 +17,7 @@ import pytest
 from porous.errors import MemoryLimitError, RecipeError
 from porous.kernels.surface import Slab
 from porous.models.model import HasBoundary
-from porous.pipeline import _work
+from porous.pipeline import _run, _work
 from porous.recipe import build, load
 from porous.scale import costs
 from porous.scale.estimate import Cost, Estimate, check, estimate, largest
@@ -133,6 +136,17 @@ def test_only_what_is_asked_for_costs(only, stages):
     assert (found.frame is None) == ("voxels" not in stages)
 
 
+def test_words_for_only_are_those_of_the_pipeline():
+    assert set(costs.WANTED) == set(_run.WANTED)
+
+
+def test_the_number_of_cells_is_no_matter_where_none_is_made():
+    found = of("menger", model__level=7, voxels__voxels=2187, only="voxels", out_of_core=True)
+    assert found.frame.shape == (2187, 2187, 2187)
+    assert memory(found, "voxels") < 2187**3 / 10
+    assert found.disk < 2187**3
+
+
 def test_an_unknown_word_for_only_is_refused_by_name():
     with pytest.raises(RecipeError, match="--only: got 'surfaces'"):
         of("menger", only="surfaces")
@@ -141,8 +155,12 @@ def test_an_unknown_word_for_only_is_refused_by_name():
 def test_surfaces_that_are_altered_cost_more():
     plain = of("koch-cube", voxels__voxels=100)
     altered = of("koch-cube", voxels__voxels=100, surface__smooth=5, surface__simplify=0.5)
-    assert {"smooth", "simplify"} <= {cost.stage for cost in altered.costs}
-    assert altered.seconds > plain.seconds
+    assert [cost.stage for cost in plain.costs[2:4]] == ["surface", "volume"]
+    assert [cost.stage for cost in altered.costs[2:6]] == [
+        "surface", "smooth", "simplify", "volume"
+    ]  # fmt: skip
+    assert all(cost.seconds > 0 for cost in altered.costs)
+    assert memory(altered, "smooth") > memory(plain, "surface")
 
 
 def test_tetrahedra_are_thought_of_as_the_pipeline_does():
@@ -212,3 +230,114 @@ def test_the_store_takes_less_memory_and_more_disk_than_voxels_in_memory():
     surface = next(cost for cost in stored.costs if cost.stage == "surface")
     assert surface.disk > 84
     assert math.isclose(surface.disk, inside.costs[-1].disk, rel_tol=0.2)
+
+
+PEAK = """
+import json, sys, tempfile
+from pathlib import Path
+import porous as po
+from porous.recipe import load
+
+def peak():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+
+def forget():  # the peak so far: compiling kernels takes more than a small run
+    Path("/proc/self/clear_refs").write_text("5")
+    return peak()
+
+preset, change, small, only = json.loads(sys.argv[1])
+with tempfile.TemporaryDirectory() as folder:
+    po.make(load(preset, set={**change, **small}), f"{folder}/small", only=only)
+    before = forget()
+    po.make(load(preset, set=change), f"{folder}/large", only=only)
+print(peak() - before)
+"""
+
+
+def peak_of(preset, change, small, only):
+    """Return by how much the resident set grows at most, beyond that of a small run."""
+    case = json.dumps([preset, change, small, only])
+    run = subprocess.run(
+        [sys.executable, "-c", PEAK, case], capture_output=True, text=True, check=True
+    )
+    return int(run.stdout.split()[-1])
+
+
+CUBES = {"surface.method": "marching-cubes"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("preset", "change", "small", "only"),
+    [
+        (
+            "menger",
+            {"model.level": 3, "voxels.voxels": 81},
+            {"voxels.voxels": 20, "model.level": 1},
+            None,
+        ),
+        (
+            "menger",
+            {"model.level": 3, "voxels.voxels": 120},
+            {"voxels.voxels": 20, "model.level": 1},
+            None,
+        ),
+        (
+            "menger",
+            {"model.level": 4, "voxels.voxels": 200, **CUBES},
+            {"voxels.voxels": 20, "model.level": 1},
+            "measures",
+        ),
+        ("menger", {"model.level": 3, "voxels.voxels": 420}, {"voxels.voxels": 20}, "voxels"),
+        ("sierpinski-tetrahedron", {"voxels.voxels": 420}, {"voxels.voxels": 20}, "measures"),
+        ("menger-bent", {"voxels.voxels": 600}, {"voxels.voxels": 20}, "measures"),
+        ("koch-cube", {"voxels.voxels": 200}, {"voxels.voxels": 20}, "measures"),
+        ("fern", {"voxels.spacing": 0.04}, {"voxels.spacing": 0.3}, "measures"),
+    ],
+)
+def test_the_peak_of_memory_stays_below_what_is_said(preset, change, small, only):
+    said = estimate(load(preset, set=change), only=only)
+    found = peak_of(preset, change, small, only)
+    assert found <= said.memory
+    if said.frame.size > 64 * MIB:
+        assert said.memory <= 4 * found
+
+
+STORED = """
+import json, sys, tempfile
+from pathlib import Path
+from porous.pipeline import run_stored
+from porous.recipe import load
+
+def peak():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+
+def forget():  # the peak so far: compiling kernels takes more than a small run
+    Path("/proc/self/clear_refs").write_text("5")
+    return peak()
+
+def run(change):
+    with tempfile.TemporaryDirectory() as folder:
+        recipe = load("koch-cube", set=change)
+        run_stored(
+            recipe, Path(folder), identity="0" * 64, begin=lambda: None, only="measures"
+        )
+        return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
+
+run({"voxels.voxels": 20})
+before = forget()
+disk = run({"voxels.voxels": 600})
+print(json.dumps([peak() - before, disk]))
+"""
+
+
+@pytest.mark.slow
+def test_the_peak_out_of_core_stays_below_what_is_said():
+    recipe = load("koch-cube", set={"voxels.voxels": 600})
+    said = estimate(recipe, only="measures", out_of_core=True)
+    run = subprocess.run([sys.executable, "-c", STORED], capture_output=True, text=True, check=True)
+    memory_, disk = json.loads(run.stdout.splitlines()[-1])
+    assert memory_ <= said.memory <= 4 * memory_
+    assert disk <= said.disk <= 4 * disk

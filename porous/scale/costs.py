@@ -26,6 +26,7 @@ from porous.stages._sampled import MASK_BYTES, TILE
 from porous.stages._simplify import BYTES as SIMPLIFY_BYTES
 from porous.stages._smooth import BYTES as SMOOTH_BYTES
 from porous.stages._stream_surface import BYTES as STREAM_BYTES
+from porous.stages._stream_surface import MOST_READ
 from porous.stages._stream_surface import TRIANGLES as STREAM_TRIANGLES
 from porous.values.value import Value
 
@@ -46,8 +47,9 @@ MOST_CELLS = 100_000
 """Cells of a model up to which its voxels are tried out: more take too long to make."""
 GRID_TILE = 1 << 26
 """Voxels that are measured at once."""
-SEAM = 600
-"""Bytes that a voxel at the border of a tile takes until the next tile is measured."""
+SEAM, SEAM_PIECES = 150, 900
+"""Bytes that a voxel at the border of a tile takes until its neighbours are measured: where there
+is little surface, and how much more where there is a triangle for every voxel."""
 GUEST = 400 << 20
 """Bytes of the process that makes tetrahedra, of a small surface."""
 
@@ -145,6 +147,8 @@ class Work:
     def costs(self) -> tuple[Cost, ...]:
         """Go through the stages as the pipeline does."""
         self._model()
+        if self._is_too_much:
+            return tuple(self.made)
         if self.frame is not None:
             self._stored_voxels() if self.stored else self._voxels()
         if self.needs_surface:
@@ -183,8 +187,6 @@ class Work:
         if not isinstance(model, HasBoundary) or not (self.is_whole or how.method == "exact"):
             return 0
         if isinstance(model, CellSystem):
-            if BYTES_PER_CELL * self.cells > self.limit:
-                return 24 * self.cells
             return 4 * boundary_count(model.closure, model.level)
         triangles = self._exact_by_level
         return triangles if RATES["exact boundary"].work * triangles <= self.limit else 0
@@ -201,6 +203,11 @@ class Work:
             return 0
         cells = self.cells / count_cells(model.automaton, min(model.level, 1))
         return math.ceil(1.25 * len(first.triangles) * cells)
+
+    @property
+    def _is_too_much(self) -> bool:
+        """Whether the model alone is: then nothing can be asked of it."""
+        return BYTES_PER_CELL * self._drawn > self.limit
 
     @cached_property
     def volume(self) -> str:
@@ -238,7 +245,7 @@ class Work:
             or self.volume == "hexahedra"
         ):
             return None
-        if BYTES_PER_CELL * self.cells > self.limit:
+        if self._is_too_much:
             return None
         how = self.recipe.voxels
         return fit_frame(
@@ -260,7 +267,7 @@ class Work:
     def trial(self) -> Trial:
         """What the voxels will hold."""
         assert self.frame is not None
-        if self.cells > MOST_CELLS:
+        if self._drawn > MOST_CELLS:
             size = float(self.frame.size)
             return Trial(size, size, 0.0, 1e-6 * size)
         return try_out(self.model, self.frame, self.source.sampling)
@@ -317,8 +324,7 @@ class Work:
         self.made.append(Cost(stage, math.ceil(peak), math.ceil(disk), seconds))
 
     def _model(self) -> None:
-        system = isinstance(self.model, CellSystem)
-        self._add("model", *([("cells", self.cells)] if system else []))
+        self._add("model", ("cells", self._drawn))
 
     def _voxels(self) -> None:
         assert self.frame is not None
@@ -364,12 +370,13 @@ class Work:
     def _stored_surface(self) -> None:
         assert self.frame is not None
         _, ny, nz = self.frame.shape
-        layer = min(CHUNK, self.frame.shape[0]) * ny * nz
+        layer = min(CHUNK * ny * nz, self.size, self.limit // 4, MOST_READ)
+        plane = 2 * self.skin / self.size * ny * nz
         self._add(
             "surface",
             ("streamed surface", self.skin),
             ("streamed lattice", self.size),
-            work=2 * layer + STREAM_BYTES * min(self.skin, STREAM_TRIANGLES + 5 * ny * nz),
+            work=1.2 * layer + STREAM_BYTES * min(self.skin, STREAM_TRIANGLES + plane),
         )
 
     def _volume(self) -> None:
@@ -422,13 +429,12 @@ class Work:
     @property
     def _seams(self) -> float:
         """Bytes of the pieces that are not finished while a grid is measured tile by tile."""
-        if self.frame is None:
+        if self.frame is None or (not self.stored and self.size <= GRID_TILE):
             return 0.0
+        each = SEAM + SEAM_PIECES * min(1.0, self.skin / self.size)
         _, ny, nz = self.frame.shape
-        if not self.stored:
-            return SEAM * ny * nz if self.size > GRID_TILE else 0.0
         # Chunks come in C order: open are a layer of them across x, a row and an end.
-        return SEAM * (ny * nz + CHUNK * nz + CHUNK**2)
+        return each * (ny * nz + (CHUNK * nz + CHUNK**2 if self.stored else 0))
 
     def _files(self) -> None:
         parts: list[tuple[str, float]] = []

@@ -39,8 +39,8 @@ class Estimate(Value):
         Bytes of memory that may be taken.
     out_of_core
         Whether voxels and surface are to go to the disk.
-    recipe, only
-        What was asked for.
+    recipe, only, model
+        What was asked for, and the recipe's model.
     """
 
     frame: Frame | None
@@ -49,6 +49,7 @@ class Estimate(Value):
     out_of_core: bool
     recipe: Recipe | None = None
     only: str | None = None
+    model: Model | None = None
 
     @property
     def memory(self) -> int:
@@ -130,11 +131,14 @@ def estimate(
     ------
     RecipeError, ModelError, GridError
         As the stages do.
+    MemoryLimitError
+        Where even a few voxels of the model would be too much, for it has too many pieces.
     """
     if only is not None and only not in WANTED:
         raise RecipeError(f"--only: got {only!r}{nearest(only, WANTED)}")
-    work = Work(recipe, build(recipe) if model is None else model, only, out_of_core=out_of_core)
-    return Estimate(work.frame, work.costs(), work.limit, out_of_core, recipe, only)
+    built = build(recipe) if model is None else model
+    work = Work(recipe, built, only, out_of_core=out_of_core)
+    return Estimate(work.frame, work.costs(), work.limit, out_of_core, recipe, only, built)
 
 
 def check(estimate: Estimate) -> None:
@@ -169,7 +173,7 @@ def _remedy(estimate: Estimate) -> str:
 def _fits_stored(given: Estimate) -> bool:
     assert given.recipe is not None
     try:
-        stored = estimate(given.recipe, only=given.only, out_of_core=True)
+        stored = estimate(given.recipe, only=given.only, out_of_core=True, model=given.model)
     except PorousError:
         return False
     return stored.memory <= given.limit
@@ -183,7 +187,7 @@ def largest(given: Estimate) -> int:
     recipe, frame = given.recipe, given.frame
     assert recipe is not None
     assert frame is not None
-    model = build(recipe)
+    model = given.model
 
     def memory(voxels: int) -> int:
         changed = _with_voxels(recipe, voxels)

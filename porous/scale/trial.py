@@ -47,7 +47,8 @@ LOOKS, FEWEST = 48, 6
 """Boxes that are looked at more closely, at every step: at most, and where that is slow."""
 TIMED = 8
 """Boxes of voxels that are timed."""
-BOX = (32, 32, 64)
+BOX, SMALL = (32, 32, 64), (16, 16, 16)
+"""Voxels of such a box, and where the model is slow."""
 SECONDS = 0.5
 """No box is begun after this: what is not looked at by then is told from fewer boxes."""
 
@@ -239,7 +240,7 @@ class _Descent:
         """Return some boxes of voxels, and how long all would take at their rate."""
         boxes: list[Bytes] = []
         begun, count = time.perf_counter(), 0
-        for start, stop in _boxes(self.frame.shape):
+        for start, stop in _boxes(self.frame.shape, SMALL if self._is_late else BOX):
             if boxes and self._is_late:
                 break
             boxes.append(self._voxels(start, stop))
@@ -281,9 +282,9 @@ def _relative_variance(amounts: Sequence[float], of: int) -> float:
     return float(np.var(amounts, ddof=1)) / n / mean**2 * (1 - n / of)
 
 
-def _boxes(shape: Index) -> Iterator[tuple[Index, Index]]:
+def _boxes(shape: Index, box: Index) -> Iterator[tuple[Index, Index]]:
     """Yield boxes in the eight octants of a lattice, opposite ones first."""
-    size = [min(a, n) for a, n in zip(BOX, shape, strict=True)]
+    size = [min(a, n) for a, n in zip(box, shape, strict=True)]
     order = sorted(product((0, 1), repeat=3), key=lambda p: (sum(p) % 2, p))
     for place in order[:TIMED]:
         start = [
