@@ -179,3 +179,34 @@ def test_what_is_wrong_with_a_model_names_its_recipe(tmp_path, capsys):
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said.startswith(f"porous: {path}: controls: ")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_says_what_it_takes_and_makes_nothing(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["make", "menger", "--voxels", "243", "--dry-run", "-o", str(out)]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].split() == ["stage", "memory", "disk", "time"]
+    assert said[-1].startswith("243 × 243 × 243 voxels: ")
+    assert "of memory at most" in said[-1]
+    assert not out.exists()
+
+
+def test_what_memory_does_not_hold_is_refused_before_it_is_begun(tmp_path, capsys):
+    out = tmp_path / "out"
+    command = ["make", "menger", "--voxels", "3000", "--only", "voxels", "-o", str(out)]
+    assert main([*command, "--max-memory", "2G"]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert "2 GiB may be used" in said[0]
+    assert "--out-of-core" in said[0]
+    largest = int(said[0].partition("voxels.voxels = ")[2].split()[0])
+    assert 300 < largest < 1291
+    assert not out.exists()
+
+
+def test_an_estimate_comes_before_the_work(tmp_path, capsys):
+    command = ["make", "menger", "--set", "model.level=1", "--only", "voxels"]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
+    first = capsys.readouterr().err.splitlines()[0]
+    assert first.startswith("12 × 12 × 12 voxels: ")
+    assert "on disk" in first

@@ -14,7 +14,7 @@ import math
 import time
 import zlib
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,6 +49,8 @@ TIMED = 8
 """Boxes of voxels that are timed."""
 BOX, SMALL = (32, 32, 64), (16, 16, 16)
 """Voxels of such a box, and where the model is slow."""
+QUICK = 0.02
+"""Seconds that boxes may take for larger ones to be timed, eight times as long at most."""
 SECONDS = 0.5
 """No box is begun after this: what is not looked at by then is told from fewer boxes."""
 
@@ -246,7 +248,19 @@ class _Descent:
             boxes.append(self._voxels(start, stop))
             count += boxes[-1].size
         rate = (time.perf_counter() - begun) / count
-        return tuple(boxes), rate * self.frame.size
+        return tuple(boxes), min(rate, *self._rates()) * self.frame.size
+
+    def _rates(self) -> Iterator[float]:
+        """Yield seconds per voxel of ever larger boxes, for a small one costs mostly its call."""
+        yield math.inf
+        box, took = BOX, 0.0
+        while took < QUICK and math.prod(box) < self.frame.size:
+            box = (2 * box[0], 2 * box[1], 2 * box[2])
+            begun, count = time.perf_counter(), 0
+            for start, stop in islice(_boxes(self.frame.shape, box), 2):
+                count += self._voxels(start, stop).size
+            took = time.perf_counter() - begun
+            yield took / count
 
     @property
     def _is_late(self) -> bool:
