@@ -47,7 +47,7 @@ MOST_CELLS = 100_000
 """Cells of a model up to which its voxels are tried out: more take too long to make."""
 GRID_TILE = 1 << 26
 """Voxels that are measured at once."""
-SEAM, SEAM_PIECES = 150, 900
+SEAM, SEAM_PIECES = 80, 500
 """Bytes that a voxel at the border of a tile takes until its neighbours are measured: where there
 is little surface, and how much more where there is a triangle for every voxel."""
 GUEST = 400 << 20
@@ -413,7 +413,7 @@ class Work:
 
     def _grid_parts(self) -> list[tuple[str, float]]:
         if self.stored:
-            tile = self._chunk
+            tile = max(self._chunk, min(self.size, GRID_TILE))
             return [
                 ("measured chunk", tile),
                 ("measured bulk", self.bulks * tile),
