@@ -17,9 +17,12 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # children are forked, which threads d
 os.environ["POROUS_THREADS"] = "1"  # and calls are counted, which threads would make in any order
 
 import csv
+import json
+import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -64,26 +67,42 @@ def deaths(case, folder):
     yield row("killed at random times", NOTHING, faults.kills_at_random(case, folder, 200, seed=1))
 
 
-def made(base):
-    """The whole of making out of core and resuming; first what forks, for threads end that."""
-    make, mend = make_faults.MakeCase(base / "made"), make_faults.MendCase(base / "mended")
-    folder = base / "out"
-    yield from deaths_of_made(make, folder, "make", ("before", "amid", "after"))
-    yield from deaths_of_made(mend, folder, "mend", ("before",))
-    found = faults.kills_at_random(make, folder, max(1, 200 // STEP), seed=7)
+def deaths_of_store(base):
+    yield from deaths(faults.Case(base / "case"), base / "grid.zarr")
+
+
+def deaths_of_make(base):
+    case, folder = make_faults.MakeCase(base / "made"), base / "out"
+    yield from deaths_of_made(case, folder, "make", ("before", "amid", "after"))
+    found = faults.kills_at_random(case, folder, max(1, 200 // STEP), seed=7)
     yield row("make: killed at random times", NOTHING, found)
-    found = power_cuts(make, base, trials=2, seed=8, step=STEP)
-    yield row("make: power cut after every step", NOTHING, found)
-    for case, what, errors in ((make, "make", ERRORS), (mend, "mend", ERRORS[2:3])):
-        for code, persistent in errors:
-            found = faults.faults(case, folder, code, persistent=persistent, step=STEP)
-            yield row(f"{what}: {code} {way(persistent)}", NOTHING, found)
+
+
+def mending(base):
+    case, folder = make_faults.MendCase(base / "made"), base / "out"
+    yield from deaths_of_made(case, folder, "mend", ("before",))
+    for code, persistent in ERRORS[2:3]:
+        found = faults.faults(case, folder, code, persistent=persistent, step=STEP)
+        yield row(f"mend: {code} {way(persistent)}", NOTHING, found)
+
+
+def failures_of_make(base):
+    case, folder = make_faults.MakeCase(base / "made"), base / "out"
+    for code, persistent in ERRORS[:3]:
+        found = faults.faults(case, folder, code, persistent=persistent, step=STEP)
+        yield row(f"make: {code} {way(persistent)}", NOTHING, found)
     for seed in range(20):
-        with make.calls(faults.short_writes(seed), folder):
-            make.go_on(faults.bare(folder))
-        assert make.lasting(folder) == make.bytes
+        with case.calls(faults.short_writes(seed), folder):
+            case.go_on(faults.bare(folder))
+        assert case.lasting(folder) == case.bytes
     yield row("make: short writes", "the same bytes", {"trials": 20})
-    yield from rot_of_made(make, base)
+
+
+def losses_of_make(base):
+    case = make_faults.MakeCase(base / "made")
+    found = power_cuts(case, base, trials=2, seed=8, step=STEP)
+    yield row("make: power cut after every step", NOTHING, found)
+    yield from rot_of_made(case, base)
     yield from full_disks_of_made(base)
 
 
@@ -219,7 +238,7 @@ def writers(base):
         yield row(f"{code} {way(persistent)}, a folder made", demanded, found)
 
 
-def costs():
+def costs(_):
     """Megabytes of voxels per second of one core; what putting a chunk on the platter adds."""
     chunk, digit = 256, np.array([0, 1, 0])
     menger = cross = np.add.outer(np.add.outer(digit, digit), digit) < 2
@@ -274,25 +293,51 @@ def timed(work):
     return tuple(map(min, zip(*found, strict=True)))
 
 
-def study():
-    with tempfile.TemporaryDirectory(dir=MEMORY) as place:
-        base = Path(place)
-        case, folder = faults.Case(base / "case"), base / "grid.zarr"
-        yield from deaths(case, folder)
-        yield from made(base)
-        yield from power(case, base)
-        yield from rot(case, folder)
-        yield from failing_disks(case, folder)
-        yield from small_disks(base)
-        yield from writers(base)
-    yield from costs()
+def losses_of_store(base):
+    case, folder = faults.Case(base / "case"), base / "grid.zarr"
+    yield from power(case, base)
+    yield from rot(case, folder)
+    yield from failing_disks(case, folder)
+    yield from small_disks(base)
+    yield from writers(base)
+
+
+PARTS = {
+    part.__name__: part
+    for part in (
+        deaths_of_store,
+        deaths_of_make,
+        failures_of_make,
+        mending,
+        losses_of_make,
+        losses_of_store,
+        costs,
+    )
+}
+"""In processes of their own: one that forks must have one thread. Costs alone, at the end."""
+
+
+def rows_of(part):
+    """Return what a part finds, in a process of its own."""
+    command = [sys.executable, __file__]
+    environment = {**os.environ, "POROUS_PART": part}
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    for found in rows:
+        print(" ".join(f"{value}" for value in found.values()), flush=True)
+    return rows
 
 
 def main():
-    rows = []
-    for found in study():
-        rows.append(found)
-        print(" ".join(f"{value}" for value in found.values()), flush=True)
+    if part := os.environ.get("POROUS_PART"):
+        with tempfile.TemporaryDirectory(dir=MEMORY) as place:
+            for found in PARTS[part](Path(place)):
+                print(json.dumps(found), flush=True)
+        return
+    *parts, last = PARTS
+    with ThreadPoolExecutor(2) as pool:
+        rows = [found for part in pool.map(rows_of, parts) for found in part]
+    rows += rows_of(last)
     RESULTS.mkdir(parents=True, exist_ok=True)
     with (RESULTS / f"{Path(__file__).stem}.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))

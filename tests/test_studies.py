@@ -184,7 +184,7 @@ def assert_voxels_are_fast(rows):
 @pytest.mark.slow
 @each_study
 def test_a_study_runs(study, tmp_path):
-    environment = {**os.environ, "POROUS_RESULTS": str(tmp_path)}
+    environment = {**os.environ, "POROUS_RESULTS": str(tmp_path), "POROUS_STEP": "40"}
     done = subprocess.run(
         [sys.executable, str(study)],
         capture_output=True,
