@@ -98,7 +98,7 @@ def cover_cells(
     h = min(frame.spacing)
     window = _Window.of(frame)
     root = limit.root(np.array(frame.origin), window.spacing)
-    descent = window.descent(limit, root)
+    descent = window.descent(limit, root, window.empty())
     marks = window.marked(descent, h / FINE, whole=True).astype(np.uint64)
     bound = (frame.diagonal + 2 * h / FINE) * ROUNDING
     for found, error in _ended(limit, descent, frame):
@@ -307,14 +307,12 @@ def _weighed(weights: Weights, held: Intervals, ended: tuple[bool, ...]) -> Weig
 class _Window(Window):
     """A window that the cells of a limit are descended in."""
 
-    def descent(self, limit: _Limit, root: tuple[int, Floats]) -> Descent:
+    def descent(self, limit: _Limit, root: tuple[int, Floats], marks: NDArray[np.uint8]) -> Descent:
         """Return a descent that marks this window's cells."""
         from porous.kernels.cell_cover import Descent
 
         reach = np.array([_margin(limit, own, self.spacing) for own in limit.ends])
-        return Descent(
-            self.empty(), self.start, self.spacing, limit.weighed._replace(reach=reach), root
-        )
+        return Descent(marks, self.start, self.spacing, limit.weighed._replace(reach=reach), root)
 
     def marked(self, descent: Descent, size: float, *, whole: bool) -> NDArray[np.uint8]:
         """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
@@ -365,9 +363,9 @@ def _ended(
 def _net(limit: _Limit, frame: Frame, reach: float) -> Net:
     """Return the net of the part of a limit within ``reach`` of a frame."""
 
-    def mark(window: Window, size: float) -> NDArray[np.uint8]:
+    def mark(window: Window, marks: NDArray[np.uint8], size: float, *, whole: bool) -> None:
         own = _Window(window.start, window.shape, window.spacing)
         root = limit.root(np.array(frame.origin), window.spacing)
-        return own.marked(own.descent(limit, root), size, whole=False)
+        own.marked(own.descent(limit, root, marks), size, whole=whole)
 
     return Net.about(frame, reach, limit.box, mark)

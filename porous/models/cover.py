@@ -11,7 +11,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.clouds import clouds, fitting, stamp_points
-from porous.models.net import Net, Window, split_cells
+from porous.models.net import Net, Window
 from porous.models.overlap import overlaps, reference
 from porous.values import CENTRE
 
@@ -163,15 +163,23 @@ class _Window(Window):
             self._descend(marks, system, root, (size,), whole=True)
         return marks
 
-    def holding_points(
-        self, system: System, root: tuple[int, Floats], size: float
-    ) -> NDArray[np.uint8]:
-        """Return which cells hold a point of the attractor from a box of half diagonal ``size``."""
-        marks = self.empty()
+    def hold(
+        self,
+        marks: NDArray[np.uint8],
+        system: System,
+        root: tuple[int, Floats],
+        size: float,
+        *,
+        whole: bool,
+    ) -> None:
+        """Mark cells that hold a point of the attractor from a box of half diagonal ``size``.
+
+        Where ``whole``, those that such a box touches.
+        """
         # Points of larger boxes first: most last boxes then touch marked cells only.
-        coarse = [step * float(self.spacing.min()) for step in COARSE]
-        self._descend(marks, system, root, (*coarse, size), whole=False)
-        return marks
+        coarse = tuple(step * float(self.spacing.min()) for step in COARSE)
+        self._descend(marks, system, root, coarse, whole=False)
+        self._descend(marks, system, root, (size,), whole=whole)
 
     def _seek(
         self,
@@ -226,20 +234,23 @@ def _endless(limit: int) -> str:
 
 def _net(automaton: Automaton, balls: Floats, frame: Frame, reach: float) -> Net:
     """Return the net of the part of an attractor within ``reach`` of a frame."""
-    split, _ = split_cells(frame, reach)
-    system, root = _system(automaton, balls.tobytes()), _root(automaton, frame, split)
+    system = _system(automaton, balls.tobytes())
     ball = balls[automaton.start]
 
-    def mark(window: Window, size: float) -> NDArray[np.uint8]:
+    def mark(window: Window, marks: NDArray[np.uint8], size: float, *, whole: bool) -> None:
         own = _Window(window.start, window.shape, window.spacing)
-        return own.holding_points(system, root, size)
+        own.hold(marks, system, _placed(automaton, frame, window.spacing), size, whole=whole)
 
     return Net.about(frame, reach, (ball[:3] - ball[3], ball[:3] + ball[3]), mark)
 
 
-def _root(automaton: Automaton, frame: Frame, split: int | Indices) -> tuple[int, Floats]:
+def _root(automaton: Automaton, frame: Frame, split: int) -> tuple[int, Floats]:
     """Return the start state and the map of its space to the cells of a split lattice."""
-    cell = np.array(frame.spacing) / split
+    return _placed(automaton, frame, np.array(frame.spacing) / split)
+
+
+def _placed(automaton: Automaton, frame: Frame, cell: Floats) -> tuple[int, Floats]:
+    """Return the start state and the map of its space to cells of these edge lengths."""
     shift = -np.array(frame.origin) / cell
     return automaton.start, np.column_stack([np.diag(1 / cell), shift])
 
