@@ -184,7 +184,8 @@ def assert_voxels_are_fast(rows):
 @pytest.mark.slow
 @each_study
 def test_a_study_runs(study, tmp_path):
-    environment = {**os.environ, "POROUS_RESULTS": str(tmp_path), "POROUS_STEP": "40"}
+    short = {"POROUS_STEP": "40", "POROUS_SMALL": "yes"}
+    environment = {**os.environ, "POROUS_RESULTS": str(tmp_path), **short}
     done = subprocess.run(
         [sys.executable, str(study)],
         capture_output=True,
