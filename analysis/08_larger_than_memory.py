@@ -45,8 +45,8 @@ voxels = {voxels}
 method = "marching-cubes"
 """
 WEDGES = (
-    "where two balls meet at a sharp angle the gap between them is narrower than a voxel for some way, "
-    "at any resolution; what voxels make of its tip is no property of the body"
+    "where two balls meet at a sharp angle the gap between them is narrower than a voxel for some "
+    "way, at any resolution; what voxels make of its tip is no property of the body"
 )
 TURNS = ((0, 20, (0, 0, 0)), (1, 35, (0.5, 0, 0)), (2, 50, (0, 0.5, 0)), (0, 65, (0, 0, 0.5)))
 
