@@ -197,7 +197,7 @@ class Net:
 def _coarse(cell: Floats, radius: float) -> int:
     """Return how many cells go along the edges of those of the coarsest net."""
     result = SPLIT
-    while SPLIT * result * float(cell.max()) <= radius / 2:
+    while SPLIT * result * float(cell.max()) <= radius:
         result *= SPLIT
     return result
 
