@@ -169,12 +169,18 @@ def test_the_study_held_in_full():
         rows = {row["experiment"]: row for row in csv.DictReader(stream)}
     assert {row["did_not_hold"] for row in rows.values()} == {"0"}
     for part, most in (
-        ("killed at random", 200),
-        ("killed before every", 200),
-        ("in a chunk", 2000),
+        ("killed at random times", 200),
+        ("killed before every call to the disk", 200),
+        ("a bit flipped in a chunk", 2000),
     ):
-        (row,) = (row for name, row in rows.items() if part in name)
-        assert int(row["struck"]) >= most
+        for name in (part, f"make: {part}"):
+            assert int(rows[name]["struck"]) >= most
+    every = {int(row["trials"]) for name, row in rows.items() if name.startswith("make: E")}
+    assert len(every) == 1  # of all errors
+    assert min(every) >= 400
+    assert {f"make: killed {when} every call to the disk" for when in ("before", "after")} < set(
+        rows
+    )
     speeds = [row["note"] for name, row in rows.items() if name.startswith("speed")]
     assert len(speeds) == 2
     assert all(float(said.split()[0]) >= 300 for said in speeds)
