@@ -27,10 +27,19 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Order = tuple[int, ...]
 
-SHAPES = {"vertex": 0, "edge": 1, "triangle": 2, "quad": 2, "tetra": 3, "octa": 3, "hexa": 3}
-"""Cells that can be drawn and meshed, and their dimensions. Corners are the boundaries of dimension
-zero in their order: a quad's and a hexa's lexicographic in their digits (0 and 1 per axis), an
-octa's in opposite pairs."""
+SHAPES = {
+    "vertex": 0,
+    "edge": 1,
+    "triangle": 2,
+    "quad": 2,
+    "tetra": 3,
+    "pyramid": 3,
+    "octa": 3,
+    "hexa": 3,
+}
+"""Shapes of cells and their dimensions. Corners are the boundaries of dimension zero in their
+order: a quad's and a hexa's lexicographic in their digits (0 and 1 per axis), an octa's in opposite
+pairs, a pyramid's those of its quad and then its apex. Pyramids are neither drawn nor meshed."""
 
 MATCHING = 1e-9
 """How far columns of weights that are the same may differ."""

@@ -18,7 +18,6 @@ from pydantic import Field, model_validator
 from porous.errors import ModelError, nearest
 from porous.models.automaton import State
 from porous.models.brep import (
-    SHAPES,
     Adjacency,
     Boundary,
     BRep,
@@ -93,7 +92,7 @@ class StateSection(Section):
 
     name: str = Field(description="a word")
     shape: Literal["vertex", "edge", "triangle", "quad", "tetra", "octa", "hexa"] = Field(
-        description=f"one of {', '.join(SHAPES)}"
+        description="one of vertex, edge, triangle, quad, tetra, octa, hexa"
     )
     controls: Annotated[tuple[Triple, ...], Field(strict=False, min_length=1)] = Field(
         description="reference positions of the control points"
