@@ -50,7 +50,9 @@ def test_an_entry_says_what_it_is_under_its_kind(gallery, name):
     recipe = load(name)
     sections = re.split(r"^## .*\((.*)\)$", page(), flags=re.M)
     kinds = dict(zip(sections[1::2], sections[2::2], strict=True))
-    text = kinds[{"ifs": "IFS", "cifs": "C-IFS", "bcifs": "BC-IFS"}[recipe.model.kind]]
+    text = kinds[
+        {"ifs": "IFS", "cifs": "C-IFS", "tree": "C-IFS", "bcifs": "BC-IFS"}[recipe.model.kind]
+    ]
     entries = re.findall(rf"!\[([^\]]+)\]\(gallery/{name}\.png\)([^|]*)\|", text)
     assert len(entries) == 1
     alt, words = entries[0]

@@ -44,6 +44,7 @@ NAMES = {
     "sierpinski-joined",
     "tetra-octa",
     "octa-porous",
+    "support-tree",
 }
 IN_PIECES = {"cantor-dust", "cantor-square", "sierpinski-lattice"}
 POINTED = {"sierpinski-joined"}  # nothing flat on top that could be pressed
