@@ -13,6 +13,7 @@ from porous.models.automaton import COINCIDENT, DEEPEST, check_apart, numbers
 from porous.models.builders import Options, Texture, build_cell, cell_names
 from porous.models.cell_attractor import BULK_LEVEL, CellAttractor
 from porous.models.cell_body import CellBody, thinnest
+from porous.models.cell_folds import corner_weights
 from porous.models.cell_system import CellSystem, natural_box
 from porous.models.contraction import check_contracts
 from porous.models.sections import BoxSection, DigitsSection, Section, Triple
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from porous.models.brep import BRep, CellState
     from porous.models.digits import DigitSet
+    from porous.models.solve import Solution
     from porous.values import Box
 
     Floats = NDArray[np.float64]
@@ -247,8 +249,8 @@ def bcifs(
         As ``build``.
     """
     _check_arguments(size, offset, contacts, contact_radius)
-    _check_digits(brep, digits)
     solution = solve(brep, moves)
+    _check_digits(solution, digits)
     start = brep.states[brep.start]
     given = _controls(start, controls)
     limit = level == "limit"
@@ -359,22 +361,30 @@ def _texture(
     return x, y, z
 
 
-def _check_digits(brep: BRep, digits: Sequence[DigitSet]) -> None:
+def _check_digits(solution: Solution, digits: Sequence[DigitSet]) -> None:
     """Raise ``ModelError`` where children are not the sub-cubes that digits name."""
-    index = brep.start
+    index = solution.brep.start
     for level, kept in enumerate(digits):
-        state = brep.states[index]
-        size = float(np.ptp(state.controls, axis=1).max())
-        lower = state.controls.min(axis=1)
-        found = np.array([(state.controls @ c.guess).min(axis=1) for c in state.children])
-        wanted = lower + np.ptp(state.controls, axis=1) * kept.keep / kept.divisions
-        if found.shape != wanted.shape or np.abs(found - wanted).max() > COINCIDENT * size:
+        state = solution.brep.states[index]
+        corners = _corners(solution, index, np.eye(state.size))
+        lower, size = corners.min(axis=1), np.ptp(corners, axis=1)
+        children = [_corners(solution, index, c.guess, c.state) for c in state.children]
+        found = np.array([child.min(axis=1) for child in children])
+        wanted = lower + size * kept.keep / kept.divisions
+        if found.shape != wanted.shape or np.abs(found - wanted).max() > COINCIDENT * size.max():
             raise ModelError(
                 f"digits[{level}]: the {len(state.children)} children of state {state.name} are "
                 f"not the {len(kept.keep)} sub-cubes that it names; wanted the digits that the "
                 "cell was built with"
             )
         index = state.children[0].state
+
+
+def _corners(solution: Solution, index: int, matrix: Floats, child: int | None = None) -> Floats:
+    """Return where the corners (3, c) of a state's child lie; its controls if it has none."""
+    weights = corner_weights(solution, index if child is None else child)
+    controls = solution.brep.states[index].controls @ matrix
+    return np.asarray(controls @ weights if weights.shape[1] else controls)
 
 
 def _sweep(section: SweepSection, level: Level) -> Sweep:
@@ -429,12 +439,14 @@ def _letters(brep: BRep) -> list[str]:
 def _controls(state: CellState, given: ArrayLike | None) -> Floats:
     """Return the level-0 cell's controls, or say which are missing or coincide."""
     controls = state.controls if given is None else numbers(given, "controls")
-    if controls.shape == (3, 8) and state.size == 27:
+    # Only a cell that ends in controls has its 8 corners among its 27.
+    eight = state.size == 27 and any(b.matrix.shape[1] == 1 for b in state.boundaries)
+    if controls.shape == (3, 8) and eight:
         controls = _midway(controls)
     if controls.shape != state.controls.shape:
         raise ModelError(
             f"controls: got {controls.shape[-1]} points; wanted {state.size}, those of "
-            f"{state.name}" + (", or its 8 corners" if state.size == 27 else "")
+            f"{state.name}" + (", or its 8 corners" if eight else "")
         )
     size = float(np.ptp(controls, axis=1).max())
     if not SMALLEST < size < 1 / SMALLEST or np.abs(controls).max() > size / COINCIDENT:

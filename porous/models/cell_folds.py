@@ -37,7 +37,8 @@ def corner_weights(solution: Solution, index: int) -> Floats:
     Raises
     ------
     ModelError
-        For a vertex state of several controls that is not its own only child.
+        For a vertex state of several controls that does not lead, one child each, to one that is
+        its own only child.
     """
     state = solution.brep.states[index]
     which = (state.boundaries[k] for k in solution.brep.of_dimension(index, 0))
@@ -45,16 +46,20 @@ def corner_weights(solution: Solution, index: int) -> Floats:
     return np.hstack([np.zeros((state.size, 0)), *columns])
 
 
-def _vertex_weights(solution: Solution, index: int) -> Floats:
+def _vertex_weights(solution: Solution, index: int, above: tuple[int, ...] = ()) -> Floats:
     """Return the weights (m, 1) of the point that a vertex is: what its rule leaves in place."""
     state = solution.brep.states[index]
     if state.size == 1:
         return np.ones((1, 1))
-    if [child.state for child in state.children] != [index]:
+    after = [child.state for child in state.children]
+    if len(after) != 1 or after[0] in above:
         raise ModelError(
-            f"mesh: vertex state {state.name} has {state.size} controls and is not its own only "
-            "child; wanted a rule that leaves one point in place"
+            f"mesh: vertex state {state.name} has {state.size} controls and does not lead to a "
+            "state that is its own only child; wanted a rule that leaves one point in place"
         )
+    if after[0] != index:
+        rest = _vertex_weights(solution, after[0], (*above, index))
+        return product(solution.matrices[index][0], rest)
     fixed = np.vstack([solution.matrices[index][0] - np.eye(state.size), np.ones(state.size)])
     wanted = np.zeros(state.size + 1)
     wanted[-1] = 1

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import ModelError
-from porous.models.automaton import DEEPEST, Automaton, check_cells, count_cells
+from porous.models.automaton import (
+    DEEPEST,
+    Automaton,
+    State,
+    Transition,
+    check_cells,
+    count_cells,
+)
 from porous.models.betti import betti
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_nodes import CellNodes, cell_nodes, placed_corners
@@ -200,13 +207,27 @@ def natural_box(solution: Solution, controls: Floats, tolerance: float) -> Box:
     mixtures = all((T >= 0).all() for q in solution.brep.reached for T in solution.matrices[q])
     if mixtures and hull == corners:
         return hull  # no mixture leaves it, and it is reached
-    automaton = solution.automaton(controls)
-    drawn = {place: _corner_controls(solution, q) for place, q in enumerate(solution.brep.reached)}
+    automaton, drawn = _cornered(solution.automaton(controls), solution)
     longest = float(np.ptp(controls, axis=1).max())
     return control_box(automaton, tolerance=tolerance * longest, drawn=drawn)
 
 
-def _corner_controls(solution: Solution, state: int) -> tuple[int, ...]:
-    """Return the controls of a state that its corners are mixed of."""
-    used = np.abs(corner_weights(solution, state)).max(axis=1) > WEIGHTLESS
-    return tuple(np.flatnonzero(used).tolist())
+def _cornered(
+    automaton: Automaton, solution: Solution
+) -> tuple[Automaton, dict[int, tuple[int, ...]]]:
+    """Return an automaton and which controls of each state are corners.
+
+    Corners that are mixed of several controls become those of a state of their own.
+    """
+    states, transitions = list(automaton.states), list(automaton.transitions)
+    drawn = {}
+    for place, q in enumerate(solution.brep.reached):
+        weights = corner_weights(solution, q)
+        used = np.abs(weights) > WEIGHTLESS
+        mixed = bool((used.sum(axis=0) > 1).any())
+        drawn[place] = () if mixed else tuple(np.flatnonzero(used.any(axis=1)).tolist())
+        if mixed:
+            transitions.append(Transition(place, len(states), weights))
+            corners = automaton.states[place].controls @ weights
+            states.append(State(f"corners of {automaton.states[place].name}", corners))
+    return Automaton(tuple(states), tuple(transitions), automaton.start), drawn

@@ -18,6 +18,7 @@ from porous.errors import ModelError
 from porous.memory import check_memory
 from porous.models.brep import Boundary, BRep, CellState, Child, selection
 from porous.models.builders._builder import Builder
+from porous.models.builders._cubes import SHAPES, pattern_name, patterns
 from porous.models.builders._joins import Covered, Part, Placed, joins
 from porous.models.builders._rules import Texture, straight
 
@@ -28,13 +29,9 @@ if TYPE_CHECKING:
 
     from porous.models.brep import Adjacency, Incidence
     from porous.models.builders._builder import Options
+    from porous.models.builders._cubes import Pattern
 
-    Pattern = tuple[int | None, ...]
     Joins = tuple[tuple[Incidence, ...], tuple[Adjacency, ...]]
-
-SHAPES = ("vertex", "edge", "quad", "hexa")
-AXES = {1: "U", 2: "UV", 3: "XYZ"}
-"""Names of the axes of a line, a quadrilateral and a hexahedron."""
 
 BYTES_PER_CHILD = 200
 """What a child needs beside its matrix for each of its boundaries: constraints and labels."""
@@ -210,41 +207,13 @@ def _axis_classes(rules: tuple[tuple[NDArray[np.float64], ...], ...]) -> tuple[i
     return first[0], first[1], first[2]
 
 
-def _patterns(dimension: int) -> list[Pattern]:
-    """Return the boundaries of a cube: each axis at an end (0 or 1) or free (None).
-
-    Facets by axis, the edges of a hexahedron by the axis along which they run, vertices last,
-    those of a kind lexicographically.
-    """
-    result: list[Pattern] = []
-    for free in range(dimension - 1, -1, -1):
-        groups = list(combinations(range(dimension), free))
-        if free == dimension - 1:
-            groups.reverse()
-        for axes in groups:
-            ends = ((None,) if axis in axes else (0, 1) for axis in range(dimension))
-            result += list(product(*ends))
-    return result
-
-
-def _pattern_name(pattern: Pattern) -> str:
-    axes = AXES[len(pattern)]
-    fixed = [axis for axis, side in enumerate(pattern) if side is not None]
-    sides = "".join(str(pattern[axis]) for axis in fixed)
-    if len(fixed) == len(pattern):
-        return "V" + sides
-    if len(fixed) == 1:
-        return axes[fixed[0]] + ("MIN", "MAX")[int(sides)]
-    return axes[pattern.index(None)] + sides
-
-
 def _state(plan: _Plan, kind: Kind) -> CellState:
     dimension = len(kind.classes)
-    patterns = _patterns(dimension)
+    ends = patterns(dimension)
     child = plan.kinds[plan.below(kind)]
     size = plan.width**dimension
     digits = plan.digits(kind)
-    incidences, adjacencies = _shared(plan, kind, patterns) if dimension else ((), ())
+    incidences, adjacencies = _shared(plan, kind, ends) if dimension else ((), ())
     separator = "." if plan.divisions(kind) > 10 else ""
     return CellState(
         plan.name(kind),
@@ -252,11 +221,11 @@ def _state(plan: _Plan, kind: Kind) -> CellState:
         _reference(plan, dimension),
         tuple(
             Boundary(
-                _pattern_name(pattern),
+                pattern_name(pattern),
                 plan.kinds[plan.boundary(kind, pattern)],
                 selection(size, plan.indices(kind, pattern)),
             )
-            for pattern in patterns
+            for pattern in ends
         ),
         tuple(
             Child(separator.join(map(str, digit)) or "0", child, matrix)
@@ -274,17 +243,17 @@ def _reference(plan: _Plan, dimension: int) -> NDArray[np.float64]:
     return result
 
 
-def _shared(plan: _Plan, kind: Kind, patterns: Sequence[Pattern]) -> Joins:
+def _shared(plan: _Plan, kind: Kind, ends: Sequence[Pattern]) -> Joins:
     """Return incidences and adjacencies, by the places of controls on the cell's lattice."""
     dimension = len(kind.classes)
     divisions = plan.divisions(kind)
     natural = tuple(range(dimension))
     whole = _labels((None,) * dimension, natural, plan.digits(kind), plan.width, divisions)
-    parts = [Part(p.count(None), plan.indices(kind, p)) for p in patterns]
+    parts = [Part(p.count(None), plan.indices(kind, p)) for p in ends]
     children = [Placed(labels, parts) for labels in whole.tolist()]
     covered = [
         Covered(face, letter, labels)
-        for face, pattern in enumerate(patterns)
+        for face, pattern in enumerate(ends)
         for letter, labels in enumerate(
             plan.labels(kind, pattern, plan.digits(plan.boundary(kind, pattern))).tolist()
         )
