@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from porous.models.bcifs import bcifs
     from porous.models.cifs import cifs
     from porous.models.ifs import CutSet, ifs
+    from porous.models.warp import warp
     from porous.pipeline import Result, run
     from porous.recipe import Recipe, build, load
     from porous.report import write_report
@@ -72,6 +73,7 @@ _HOMES = {
     "models.bcifs": ("bcifs",),
     "models.cifs": ("cifs",),
     "models.ifs": ("CutSet", "ifs"),
+    "models.warp": ("warp",),
     "pipeline": ("Result", "run"),
     "recipe": ("Recipe", "build", "load"),
     "report": ("write_report",),
@@ -152,6 +154,7 @@ __all__ = [
     "stream_surface",
     "tetrahedralize",
     "voxelize",
+    "warp",
     "write",
     "write_report",
 ]

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.models.inside import Union
     from porous.values import Frame, Measure, Pattern, SurfaceMesh, VolumeMesh
 
     Floats = NDArray[np.float64]
@@ -85,6 +86,19 @@ class CellBody(CellSystem):
     def sample(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
         """Return the mask of each voxel: bit r·C + c where the pattern's point lies in a cell."""
         return self.solid.sample(frame, pattern)
+
+    def check_membership(self) -> None:
+        """Do nothing: tetrahedra can be asked about any point."""
+
+    def contains(self, points: Floats) -> NDArray[np.bool_]:
+        """Tell which points (n, 3), in ``unit``, lie in a cell."""
+        return self._inside.contains(points)
+
+    @cached_property
+    def _inside(self) -> Union:
+        from porous.models.inside import tetrahedra
+
+        return tetrahedra(self.solid.tets)
 
     def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
         """Return marks of every voxel that a cell touches, and a Hausdorff bound."""

@@ -215,6 +215,30 @@ class IFS(Value):
             )
         return self.pieces.sample(frame, pattern)
 
+    def check_membership(self) -> None:
+        """Raise ``ModelError`` for attractors and grown bodies, known on lattices alone."""
+        if self.level == "limit" or self.offset:
+            got = "the attractor" if self.level == "limit" else f"an offset of {self.offset:g}"
+            raise ModelError(
+                f"model: got {got}, which cannot be asked point by point; wanted a level of cells "
+                "without offset"
+            )
+
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell which points (n, 3), in ``unit``, lie in the body; see ``models.inside``."""
+        self.check_membership()
+        inside: NDArray[np.bool_] = self._inside(points)
+        return inside
+
+    @cached_property
+    def _inside(self) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
+        from porous.models import inside
+
+        if self.plain_digits is not None:
+            assert isinstance(self.level, int)
+            return inside.DigitCells(self.plain_digits, self.level, self.primitive.box).contains
+        return inside.Images(self.primitive, self.frames(), self.balls).contains
+
     def fill(
         self,
         frame: Frame,

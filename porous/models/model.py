@@ -115,6 +115,20 @@ class HasFill(Protocol):
 
 
 @runtime_checkable
+class HasMembership(Protocol):
+    """A model that may be asked about any points, not those of a lattice alone."""
+
+    def check_membership(self) -> None:
+        """Raise ``ModelError`` where points cannot be asked for after all; says why."""
+
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell which points (n, 3), in ``unit``, lie in the closed set.
+
+        Raises ``ModelError`` as ``check_membership`` does.
+        """
+
+
+@runtime_checkable
 class HasDoubts(Protocol):
     """A model that knows where its voxels say less than they seem to."""
 

@@ -1,0 +1,462 @@
+"""Fractal homeomorphisms: h is one-to-one, keeps faces and topology, and refuses what folds."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import porous as po
+from porous.errors import GridError, ModelError, RecipeError
+from porous.models.digits import named
+from porous.models.hexa_volume import jacobian
+from porous.models.model import HasMembership
+from porous.models.primitive import NAMES
+from porous.models.warp import Warp, _least_jacobian
+from porous.recipe import dump, parse, schema
+from porous.values import CENTRE, FILL
+
+CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
+REGULAR = np.stack(np.meshgrid(*[[0, 0.5, 1]] * 3, indexing="ij"), axis=-1)
+BOX = po.Box((-1.0, 2.0, 0.5), (3.0, 5.0, 2.5))
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+
+
+def random_offsets(size, seed):
+    offsets = np.random.default_rng(seed).uniform(-size, size, (3, 3, 3, 3))
+    return np.where(REGULAR == 0.5, offsets, 0)
+
+
+@dataclass(frozen=True)
+class Torus:
+    """A solid torus, turned, known point by point and in no other way."""
+
+    unit: str = "mm"
+    domain: po.Box = BOX
+    bulk: po.Box = BOX
+
+    def sample(self, frame, pattern):
+        raise NotImplementedError
+
+    def check_membership(self):
+        pass
+
+    def contains(self, points):
+        x, y, z = ((points - BOX.centre) / BOX.lengths @ TURN).T
+        return (np.hypot(x, y) - 0.27) ** 2 + z**2 <= 0.13**2
+
+
+def block(**given):
+    """A Menger sponge in a box of unequal edges."""
+    corners = [np.where(c, BOX.upper, BOX.lower) for c in CORNERS]
+    recipe = {"kind": "bcifs", "cell": "hex-8", "controls": [c.tolist() for c in corners]}
+    recipe |= {"level": 2, "digits": {"divisions": 3, "keep": "menger"}} | given
+    return po.build(parse({"model": recipe}))
+
+
+def warped(offsets):
+    return Warp(Torus(), REGULAR + offsets)
+
+
+moderate = st.integers(0, 10**6).map(lambda seed: warped(random_offsets(0.12, seed)))
+
+
+# --- a slow twin ---------------------------------------------------------------------------
+
+
+def naive_cell(lattice, digit, place):
+    """The trilinear cell of a digit, mirrored where it is 1, as a sum over corners."""
+    weights = np.where(CORNERS, place, 1 - place).prod(axis=1)
+    return weights @ lattice[tuple(np.where(CORNERS, 1, 2 * np.asarray(digit)).T)]
+
+
+def naive_h(lattice, place, digits):
+    """h by its definition: the image under a cell of h of the place within that cell."""
+    if digits == 0:
+        return place
+    digit = (place > 0.5).astype(int)
+    return naive_cell(
+        lattice, digit, naive_h(lattice, np.where(digit, 2 - 2 * place, 2 * place), digits - 1)
+    )
+
+
+def naive_inverse(lattice, image, digits):
+    """The middle of the dyadic cell whose image holds a point: Newton's method in each cell."""
+    address = []
+    for _ in range(digits):
+        found = [(b, within(lattice, b, image)) for b in CORNERS]
+        digit, image = min(found, key=lambda each: np.abs(each[1] - 0.5).max())
+        assert np.abs(image - 0.5).max() < 0.5 + 1e-7
+        address.append(digit)
+    place = np.full(3, 0.5)
+    for digit in reversed(address):
+        place = np.where(digit, 1 - place / 2, place / 2)
+    return place
+
+
+def within(lattice, digit, image):
+    """Where in a trilinear cell a point lies, to rounding; far off where it is not in it."""
+    place = np.full(3, 0.5)
+    for _ in range(15):
+        slope = [
+            (naive_cell(lattice, digit, place + e) - naive_cell(lattice, digit, place - e)) / 2e-3
+            for e in 1e-3 * np.eye(3)
+        ]
+        rest = naive_cell(lattice, digit, place) - image
+        if np.abs(rest).max() < 1e-14:
+            break
+        place = np.clip(place - np.linalg.solve(np.transpose(slope), rest), -2, 3)
+    return place if np.abs(rest).max() < 1e-10 else np.full(3, 9.0)
+
+
+@settings(max_examples=20)
+@given(moderate, st.integers(1, 12))
+def test_the_kernel_is_the_definition(warp, digits):
+    places = np.random.default_rng(digits).random((8, 3))
+    wanted = [naive_h(warp.lattice, place, digits) for place in places]
+    assert np.abs(warp.moved(places, digits) - wanted).max() < 1e-14
+
+
+# --- h is a homeomorphism of the cube ------------------------------------------------------
+
+
+def test_the_regular_lattice_moves_nothing():
+    places = np.random.default_rng(1).random((500, 3))
+    for digits in (1, 20, 52):
+        assert np.abs(warped(0).moved(places, digits) - places).max() < 1e-15
+
+
+def test_a_model_that_is_not_moved_has_its_own_voxels():
+    plain = block()
+    bent = po.warp(plain, {})
+    for sampling, voxels in (("fill", 12), ("centre", 27)):
+        own, other = (po.voxelize(m, voxels=voxels, sampling=sampling) for m in (plain, bent))
+        assert np.array_equal(own.fill, other.fill)
+
+
+@settings(max_examples=20)
+@given(moderate, st.integers(0, 2), st.sampled_from([0.0, 1.0]))
+def test_faces_go_to_themselves(warp, axis, side):
+    places = np.random.default_rng(2).random((50, 3))
+    places[:, axis] = side
+    moved = warp.moved(places)
+    assert (moved[:, axis] == side).all()
+    assert np.abs(moved - places).max() > 1e-3
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6), st.integers(0, 2))
+def test_neighbours_agree_on_their_whole_common_face(seed, axis):
+    lattice = REGULAR + random_offsets(0.18, seed)
+    for place in np.random.default_rng(3).random((4, 3)):
+        place[axis] = 1
+        for digit in CORNERS[CORNERS[:, axis] == 0]:
+            beyond = digit + np.eye(3, dtype=int)[axis]
+            assert np.array_equal(
+                naive_cell(lattice, digit, place), naive_cell(lattice, beyond, place)
+            )
+
+
+@settings(max_examples=20)
+@given(moderate, st.integers(0, 2), st.sampled_from([0.5, 0.25, 0.625]))
+def test_there_is_no_jump_between_cells(warp, axis, plane):
+    places = np.random.default_rng(4).random((50, 3))
+    sides = []
+    for shift in (-1e-12, 1e-12):
+        places[:, axis] = plane + shift
+        sides.append(warp.moved(places))
+    assert np.abs(sides[0] - sides[1]).max() < 3e-5
+
+
+def test_every_point_is_the_image_of_one_address_and_of_no_other():
+    lattice = warped(random_offsets(0.15, 5)).lattice
+    warp = Warp(Torus(), lattice)
+    for place in np.random.default_rng(6).random((3, 3)):
+        there = naive_inverse(lattice, warp.moved(place)[0], 10)
+        assert np.abs(there - place).max() <= 2.0**-10
+        back = warp.moved(naive_inverse(lattice, place, 12))[0]
+        assert np.abs(back - place).max() < 0.01
+
+
+def test_a_grid_of_addresses_has_as_many_images_in_order_along_edges():
+    warp = warped(random_offsets(0.15, 7))
+    line = np.arange(17) / 16
+    grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1)
+    images = warp.moved(grid.reshape(-1, 3)).reshape(grid.shape)
+    assert len(np.unique(images.reshape(-1, 3).round(9), axis=0)) == 17**3
+    for axis in range(3):
+        edge = np.moveaxis(images, axis, 0)[:, 0, 0, axis]
+        assert (np.diff(edge) > 0).all()
+
+
+def test_corners_of_words_are_products_of_matrices():
+    warp = warped(random_offsets(0.15, 8))
+    weights = [np.prod(np.where(CORNERS[:, None], c, 1 - c), axis=2) for c in warp.cells]
+    i, j = 3, 6
+    product = CORNERS.T @ weights[i] @ weights[j]
+    wanted = [
+        naive_cell(warp.lattice, CORNERS[i], naive_cell(warp.lattice, CORNERS[j], c.astype(float)))
+        for c in CORNERS
+    ]
+    assert np.abs(product.T - wanted).max() < 1e-15
+
+
+def test_fewer_digits_stay_within_the_dyadic_cell_that_the_error_speaks_of():
+    warp = warped(random_offsets(0.15, 9))
+    for place in np.random.default_rng(10).random((3, 3)):
+        near = naive_inverse(warp.lattice, warp.moved(place, 5)[0], 9)
+        assert (np.floor(near * 32) == np.floor(place * 32)).all()
+    frame = po.voxelize(warp, voxels=8).frame
+    cell = np.linalg.norm(BOX.lengths) * 2.0**-23
+    assert warp.sampling_error(frame) == pytest.approx(cell)
+    assert warp.sampling_error(frame) < 1e-5 * min(frame.spacing)
+
+
+# --- topology ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("voxels", [32, 64])
+def test_a_torus_stays_a_torus(voxels):
+    for offsets in ({}, random_offsets(0.15, 11)):
+        grid = po.voxelize(po.warp(Torus(), offsets), voxels=voxels, sampling="centre")
+        assert po.measures.euler_number(grid).value == 0
+        assert po.measures.components(grid).value == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("voxels", [54, 81])
+def test_a_sponge_keeps_its_tunnels(voxels):
+    # Centres alone would make specks of the boundary's finest spikes; fills average them.
+    grid = po.voxelize(po.warp(block(), random_offsets(0.1, 12)), voxels=voxels)
+    assert po.measures.components(grid).value == 1
+    assert po.measures.euler_number(grid).value == -80
+    assert (grid.fill != po.voxelize(block(), voxels=voxels).fill).mean() > 0.1
+
+
+# --- sampling ------------------------------------------------------------------------------
+
+
+def test_the_box_is_all_that_is_sampled_and_the_bulk():
+    model = po.warp(block(level=0), random_offsets(0.15, 13))
+    assert model.domain == model.bulk == block().domain
+    grid = po.voxelize(model, voxels=12)
+    assert (grid.fill == 255).all()
+    assert po.measures.porosity(grid).value == 0
+
+
+def test_tiles_are_parts_of_the_whole():
+    model = po.warp(block(), random_offsets(0.15, 14))
+    frame = po.Frame.fit(model.domain, voxels=20)
+    whole = model.sample(frame, FILL)
+    part = model.sample(frame.tile((3, 2, 1), (11, 9, 7)), FILL)
+    assert np.array_equal(part, whole[3:11, 2:9, 1:7])
+
+
+def test_samples_are_points_of_the_body():
+    model = po.warp(block(), random_offsets(0.15, 15))
+    frame = po.Frame.fit(po.Box((-1.5, 2.0, 0.4), (3.5, 5.5, 2.5)), voxels=21)
+    places = np.stack(np.meshgrid(*map(frame.centres, range(3)), indexing="ij"), axis=-1)
+    inside = model.contains(places.reshape(-1, 3)).reshape(frame.shape)
+    assert np.array_equal(model.sample(frame, CENTRE).astype(bool), inside)
+    assert inside.any()
+
+
+def test_what_is_warped_can_be_warped_again():
+    once = po.warp(Torus(), random_offsets(0.1, 16))
+    twice = po.warp(once, random_offsets(0.1, 17))
+    places = np.random.default_rng(18).random((200, 3))
+    world = np.array(BOX.lower) + places * BOX.lengths
+    there = np.array(BOX.lower) + once.moved(twice.moved(places)) * BOX.lengths
+    assert np.array_equal(twice.contains(world), Torus().contains(there))
+
+
+def flake(primitive, **given):
+    """Six images of a solid, one of them turned, stretched and overlapping its neighbour."""
+    maps = [(np.eye(3) * 0.4, shift) for shift in 0.6 * CORNERS[[0, 3, 5, 6]]]
+    maps.append((np.diag([0.5, 0.3, 0.4]) @ TURN, [0.3, 0.5, 0.1]))
+    return po.ifs(maps, level=2, primitive=primitive, size=2.0, **given)
+
+
+BODIES = {
+    "menger": lambda: po.ifs(named("menger"), level=3, size=2.0),
+    "vicsek": lambda: po.ifs(named("vicsek-9"), level=1, size=2.0),
+    **{name: lambda name=name: flake(name) for name in NAMES},
+    "mesh": lambda: flake(po.read("presets/cross.obj")),
+    "fused": lambda: po.ifs(named("even-parity"), level=2, contacts="fuse", contact_radius=0.03),
+    "straight": block,
+    "bent": lambda: block(
+        level=1, controls=(CORNERS * 2 + CORNERS[::-1, [1, 2, 0]] * 0.4).tolist()
+    ),
+    "octa": lambda: po.build(po.load("tetra-octa", set={"model.level": 2})),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_points_lie_where_lines_say(name):
+    model = BODIES[name]()
+    assert isinstance(model, HasMembership)
+    box = model.domain.grown(0.02)
+    voxels = (9, 10, 11) if name == "mesh" else (25, 29, 31)
+    frame = po.Frame.fit(box, spacing=tuple(np.array(box.lengths) / voxels))
+    points = np.stack(np.meshgrid(*map(frame.centres, range(3)), indexing="ij"), axis=-1)
+    found = model.contains(points.reshape(-1, 3)).reshape(frame.shape)
+    assert np.array_equal(found, model.sample(frame, CENTRE).astype(bool))
+    assert 0 < found.mean() < 1
+
+
+def test_solids_are_closed_and_leave_no_gaps():
+    corner = np.array([[1 / 3, 1 / 3, 0.1], [0, 0, 0], [1, 1, 1], [2 / 3, 1 / 3, 1 / 3]])
+    assert po.ifs(named("menger")).contains(corner).all()
+    cubes = po.ifs([(np.eye(3) / 2, c / 2) for c in CORNERS], primitive="cube", level=2)
+    tets = block(level=1, digits={"divisions": 2, "keep": "full-2"})
+    line = np.array(BOX.lower) + np.linspace(0, 1, 65)[:, None] * BOX.lengths
+    assert cubes.contains(np.repeat(np.linspace(0, 1, 65)[:, None], 3, axis=1)).all()
+    assert tets.contains(line).all()
+
+
+# --- refusals ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("at", "by", "says"),
+    [
+        ((0, 0, 0), (0.1, 0, 0), r"0\.1 along x at \[0, 0, 0\], which .* corner.*wanted 0"),
+        ((1, 0, 0), (0.1, 0.2, 0), r"0\.2 along y at \[1, 0, 0\], which .* edge.*wanted 0"),
+        ((1, 2, 1), (0.1, -0.3, 0.1), r"-0\.3 along y at \[1, 2, 1\], which .* face.*wanted 0"),
+        ((1, 1, 1), (0, 0, 0.5), r"0\.5 along z at \[1, 1, 1\], .* inside .* between −0.5 and 0.5"),
+        ((1, 0, 2), (-0.6, 0, 0), r"-0\.6 along x at \[1, 0, 2\].*between −0.5 and 0.5"),
+    ],
+)
+def test_points_outside_their_slots_are_named(at, by, says):
+    with pytest.raises(ModelError, match=says):
+        po.warp(Torus(), {at: by})
+
+
+def test_cells_that_hardly_contract_are_refused_with_the_number():
+    with pytest.raises(ModelError, match=r"3 cells still keep 0\.9\d* of a difference.*0\.75"):
+        po.warp(Torus(), {(1, 0, 0): (0.49, 0, 0)})
+
+
+def test_cells_shrink_as_the_coefficient_says():
+    assert warped(0).contraction == pytest.approx(1 - (1 - 1 / 8) ** 3)
+    warp = warped(random_offsets(0.15, 19))
+    assert warped(0).contraction < warp.contraction < 0.5
+    for words in (1, 2, 3):
+        cells = np.random.default_rng(22).integers(0, 8**words, (100, 1, 3))
+        corners = warp.moved(((cells + CORNERS) / 8**words).reshape(-1, 3)).reshape(100, 8, 3)
+        assert 0 < np.ptp(corners, axis=1).max() <= warp.contraction**words
+
+
+def test_a_cell_that_folds_over_is_named():
+    with pytest.raises(ModelError, match=r"cell \[1, 1, 1\] is folded over.* -\d"):
+        po.warp(Torus(), {(1, 1, 1): (0.3, 0.3, 0.3), (2, 1, 1): (0, -0.2, -0.2)})
+
+
+POWERS = np.linspace(0, 1, 21)[:, None] ** np.arange(3)
+
+
+def values(coefficients):
+    return np.einsum("ai,bj,ck,ijk->abc", POWERS, POWERS, POWERS, coefficients)
+
+
+@pytest.mark.parametrize("size", [0.1, 0.25, 0.35])
+def test_the_least_jacobian_is_that_of_a_dense_grid(size):
+    shifts = np.random.default_rng(21).uniform(-size, size, (40, 8, 3))
+    for corners in CORNERS + shifts:
+        coefficients = jacobian(corners.T)
+        dense = values(coefficients).min()
+        least, certain = _least_jacobian(coefficients)
+        assert (least > 0) == (dense > 0) or abs(dense) < 0.02
+        assert certain or abs(dense) < 1e-3
+
+
+def test_folds_between_corners_are_found():
+    side, up = np.array([[1, 0], [0, 1]]), np.array([[1, 0.1], [-0.1, 0.1]])
+    corners = [(x, *(y * side[x] + z * up[x])) for x, y, z in CORNERS]
+    coefficients = jacobian(np.transpose(corners))
+    dense = values(coefficients)
+    assert dense[::20, ::20, ::20].min() == pytest.approx(0.1)
+    assert dense.min() < -0.1
+    assert _least_jacobian(coefficients)[0] < 0
+
+
+@pytest.mark.parametrize(
+    ("model", "says"),
+    [
+        (lambda: po.ifs(named("menger"), level="limit"), "got the attractor.*wanted a level"),
+        (lambda: po.ifs(named("menger"), offset=0.1), r"an offset of 0\.1.*wanted a level"),
+        (lambda: po.build(po.load("beam-twisted")), "SweptBody is known on lattices.*wanted"),
+        (lambda: po.build(po.load("branching-struts")), "CIFS is known on lattices.*wanted"),
+        (lambda: po.build(po.load("fern")), "cannot be asked point by point|on lattices"),
+    ],
+)
+def test_models_without_points_are_refused(model, says):
+    with pytest.raises(ModelError, match=says):
+        po.warp(model(), {})
+
+
+@pytest.mark.parametrize(
+    "offsets",
+    [{(3, 0, 0): (0, 0, 0)}, {(1, 1, 1): (0, 0)}, {(1, 1, 1): "abc"}, np.zeros((3, 3, 3)), np.nan],
+)
+def test_offsets_of_another_kind_are_refused(offsets):
+    with pytest.raises(ModelError, match=r"offsets: got .*wanted"):
+        po.warp(Torus(), offsets)
+
+
+def test_what_cannot_be_known_is_not_claimed():
+    model = po.warp(block(), random_offsets(0.1, 20))
+    with pytest.raises(GridError):
+        po.voxelize(model, per_feature=4)
+    with pytest.raises(GridError, match="cover"):
+        po.voxelize(model, voxels=9, sampling="cover")
+    with pytest.raises(ModelError, match="from 0 to 1"):
+        model.moved([[0.5, 0.5, 1.5]])
+
+
+# --- recipes -------------------------------------------------------------------------------
+
+TABLE = {
+    "kind": "warp",
+    "model": {"kind": "ifs", "digits": {"divisions": 3, "keep": "menger"}, "level": 1},
+    "offsets": [{"at": [1, 1, 1], "by": [0.1, -0.1, 0.05]}, {"at": [1, 0, 0], "by": [0.1, 0, 0]}],
+}
+
+
+def test_a_recipe_makes_what_python_makes():
+    recipe = parse({"model": TABLE, "voxels": {"voxels": 9}})
+    wanted = po.warp(
+        po.ifs(named("menger"), level=1, size=1.0),
+        {(1, 1, 1): (0.1, -0.1, 0.05), (1, 0, 0): (0.1, 0, 0)},
+    )
+    assert po.build(recipe) == wanted
+    assert "model_warp" in schema()["$defs"]
+    assert "[model.model]" in dump(recipe)
+
+
+def test_a_recipe_is_read_as_it_was_written(tmp_path):
+    recipe = parse({"model": TABLE, "voxels": {"voxels": 9}})
+    (tmp_path / "again.toml").write_text(dump(recipe))
+    assert po.load(tmp_path / "again.toml") == recipe
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"model": {"kind": "ifs", "levle": 2}}, r"model\.model\.levle: unknown key.*level"),
+        ({"model": {"kind": "none"}}, r"model\.model.*wanted.*ifs"),
+        ({"offsets": [{"at": [1, 1], "by": [0, 0, 0]}]}, r"model\.offsets.*wanted \[i, j, k\]"),
+        ({"offsets": 3}, r"model\.offsets: got 3; wanted tables"),
+    ],
+)
+def test_recipes_that_cannot_be_understood(change, says):
+    with pytest.raises(RecipeError, match=says):
+        parse({"model": TABLE | change})
+
+
+def test_a_point_given_twice_is_refused():
+    twice = [{"at": [1, 1, 1], "by": [0, 0, 0.1]}] * 2
+    with pytest.raises(ModelError, match=r"offsets: \[1, 1, 1\] is there twice"):
+        po.build(parse({"model": TABLE | {"offsets": twice}}))
