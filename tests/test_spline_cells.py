@@ -8,13 +8,14 @@ import pytest
 from naive_quotient import Quotient
 from scipy.interpolate import BSpline
 
-from porous import mesh_cells
+from porous import mesh_cells, voxelize
 from porous.errors import MemoryLimitError, ModelError
 from porous.models.bcifs import bcifs
 from porous.models.brep import BRep
 from porous.models.builders import Options, Texture, build_cell
 from porous.models.builders._curves import bezier, koch, rough, spline, uniform
 from porous.models.builders.spline import tensor
+from porous.models.cell_exact import exact_measures
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_nodes import placed_corners
 from porous.models.closure import closure
@@ -269,6 +270,32 @@ def test_a_body_of_splines_is_meshed():
     mesh = mesh_cells(system)
     assert len(mesh.points) == 896
     np.testing.assert_allclose(mesh.volumes.sum(), 6**3 * (20 / 27) ** 2, rtol=1e-10)
+
+
+def test_an_affine_body_has_its_exact_volume_and_bulk():
+    brep = build_cell(Options("spline-2", MENGER))
+    shear = np.array([[2, 0.3, 0], [0, 1.3, -0.2], [0, 0, 0.8]])
+    controls = shear @ brep.states[0].controls
+    system = bcifs(brep, digits=(MENGER,), level=2, controls=controls)
+    assert system.bulk_volume == pytest.approx(2 * 1.3 * 0.8, rel=1e-12)
+    exact = {row.name: row.value for row in exact_measures(system)}
+    assert exact["volume"] == pytest.approx(2.08 * (20 / 27) ** 2, rel=1e-12)
+    assert exact["porosity"] == pytest.approx(1 - (20 / 27) ** 2, rel=1e-12)
+    assert exact["euler_number"] == -80
+
+
+def test_a_bent_body_refers_to_its_cell_with_nothing_lost():
+    full, kept = (build_cell(Options("spline-2", named(n))) for n in ("full-3", "menger"))
+    controls = full.states[0].controls
+    random = np.random.default_rng(8)
+    controls = controls + random.uniform(-0.15, 0.15, controls.shape)
+    whole = mesh_cells(bcifs(full, level=2, controls=controls))
+    system = bcifs(kept, level=2, controls=controls)
+    assert system.bulk_volume == pytest.approx(whole.volumes.sum(), rel=1e-12)
+    assert abs(system.bulk_volume - 1) > 0.01
+    grid = voxelize(system, voxels=32)
+    found = grid.fill.astype(float).sum() / 255 * grid.frame.voxel_volume
+    assert found == pytest.approx(mesh_cells(system).volumes.sum(), rel=0.01)
 
 
 def test_a_bent_body_lies_in_its_box():

@@ -13,6 +13,7 @@ import numpy as np
 
 from porous.errors import MeshError
 from porous.models.automaton import expand, product
+from porous.models.cell_folds import corner_weights
 from porous.values import SurfaceMesh
 from porous.values.surface_topology import check_closed, joined
 
@@ -79,8 +80,7 @@ def _triangles(solution: Solution, state: int, controls: Floats, level: int) -> 
     soups = []
     for place, points in groups:
         q = states[place]
-        ends = [here.brep.states[q].boundaries[k].matrix for k in here.brep.of_dimension(q, 0)]
-        corners = np.swapaxes(product(points, np.hstack(ends)), 1, 2)
+        corners = np.swapaxes(product(points, corner_weights(here, q)), 1, 2)
         soups.append(fanned(corners[:, LOOPS[here.brep.states[q].shape]]))
     return np.concatenate(soups)
 

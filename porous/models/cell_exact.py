@@ -13,6 +13,7 @@ import numpy as np
 from porous.errors import ModelError
 from porous.models.brep import MATCHING
 from porous.models.cell_body import SPLITS
+from porous.models.cell_folds import corner_weights
 from porous.models.hexa_volume import block_volume
 from porous.models.oracle import Prefractal
 from porous.models.simplices import volumes
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.models.brep import BRep
     from porous.models.cell_body import CellBody
     from porous.models.solve import Solution
 
@@ -158,7 +158,7 @@ def affine_volume(solution: Solution, controls: Floats, level: int) -> float | N
     whole = affine_image(brep.states[brep.start].controls, controls)
     if whole is None:
         return None
-    filled = np.array([reference_volume(solution.brep, q) for q in brep.reached])
+    filled = np.array([reference_volume(solution, q) for q in brep.reached])
     sums = np.linalg.matrix_power(ratios, level) @ filled
     return float(abs(np.linalg.det(whole)) * sums[0])
 
@@ -184,11 +184,10 @@ def volume_ratios(solution: Solution) -> Floats | None:
     return ratios
 
 
-def reference_volume(brep: BRep, index: int) -> float:
+def reference_volume(solution: Solution, index: int) -> float:
     """Return the volume of a state's reference cell."""
-    state = brep.states[index]
-    ends = [state.boundaries[k].matrix for k in brep.of_dimension(index, 0)]
-    corners = (state.controls @ np.hstack(ends)).T
+    state = solution.brep.states[index]
+    corners = (state.controls @ corner_weights(solution, index)).T
     return float(np.abs(volumes(SPLITS[state.shape](corners[None]))).sum())
 
 
