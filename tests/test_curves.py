@@ -212,6 +212,15 @@ def test_knots_say_the_same_in_any_unit():
     assert moved == spline([float(u) for u in knots])
 
 
+def test_homogeneous_controls_draw_the_quarter_circle():
+    weights = np.array([1, np.sqrt(0.5), 1])
+    P = np.vstack([np.array([[1, 1, 0], [0, 1, 1]]) * weights, weights])
+    for divisions in (2, 3):
+        x, y, w = P @ starts(bezier(2, divisions), 5)
+        np.testing.assert_allclose(np.hypot(x / w, y / w), 1, rtol=0, atol=1e-12)
+        assert (np.diff(np.arctan2(y, x)) > 0).all()
+
+
 # --- fractals --------------------------------------------------------------------------------
 
 
