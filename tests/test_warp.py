@@ -209,9 +209,9 @@ def test_fewer_digits_stay_within_the_dyadic_cell_that_the_error_speaks_of():
         near = naive_inverse(warp.lattice, warp.moved(place, 5)[0], 9)
         assert (np.floor(near * 32) == np.floor(place * 32)).all()
     frame = po.voxelize(warp, voxels=8).frame
-    cell = np.linalg.norm(BOX.lengths) * 2.0**-23
+    cell = np.linalg.norm(BOX.lengths) * 2.0**-15
     assert warp.sampling_error(frame) == pytest.approx(cell)
-    assert warp.sampling_error(frame) < 1e-5 * min(frame.spacing)
+    assert warp.sampling_error(frame) < 5e-4 * min(frame.spacing)
 
 
 # --- topology ------------------------------------------------------------------------------

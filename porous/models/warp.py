@@ -65,7 +65,7 @@ FLAT = 1e-6
 HALVINGS = 8
 """How often a cell is cut to decide whether its Jacobian is positive."""
 
-FINER = 20
+FINER = 12
 """Digits that are read beyond those that tell voxels apart."""
 
 CHUNK = 1 << 19
