@@ -50,9 +50,8 @@ def test_an_entry_says_what_it_is_under_its_kind(gallery, name):
     recipe = load(name)
     sections = re.split(r"^## .*\((.*)\)$", page(), flags=re.M)
     kinds = dict(zip(sections[1::2], sections[2::2], strict=True))
-    text = kinds[
-        {"ifs": "IFS", "cifs": "C-IFS", "tree": "C-IFS", "bcifs": "BC-IFS"}[recipe.model.kind]
-    ]
+    headings = {"ifs": "IFS", "cifs": "C-IFS", "tree": "C-IFS", "bcifs": "BC-IFS"}
+    text = kinds[headings.get(recipe.model.kind, recipe.model.kind)]
     entries = re.findall(rf"!\[([^\]]+)\]\(gallery/{name}\.png\)([^|]*)\|", text)
     assert len(entries) == 1
     alt, words = entries[0]

@@ -37,6 +37,7 @@ NAMES = {
     "menger-bent",
     "menger-rough",
     "menger-halved",
+    "menger-warped",
     "mosely-block",
     "vicsek-block",
     "beam-twisted",
