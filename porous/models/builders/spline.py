@@ -88,8 +88,17 @@ class _Plan:
         curve = self.curves[factor.line]
         return (curve.arcs if factor.free else curve.ends)[factor.number].controls
 
+    @cached_property
+    def _known(self) -> dict[Factor, list[_Step]]:
+        return {}
+
     def steps(self, factor: Factor) -> list[_Step]:
         """Return the children along one axis."""
+        if factor not in self._known:
+            self._known[factor] = self._steps(factor)
+        return self._known[factor]
+
+    def _steps(self, factor: Factor) -> list[_Step]:
         curve = self.curves[factor.line]
         if not factor.free:
             end = curve.ends[factor.number]
@@ -147,7 +156,7 @@ class _Plan:
 
     def lattice(self, kind: Kind) -> list[int]:
         """Return what a step along each axis of the refined control lattice counts."""
-        return _weights([1 + max(int(s.places.max()) for s in self.steps(f)) for f in kind])
+        return _weights([1 + int(self.steps(f)[-1].places[-1]) for f in kind])
 
     def boundary(self, kind: Kind, pattern: Pattern) -> tuple[Kind, list[int], Ints]:
         """Return a boundary's state, the order of its axes, and which controls are its own."""
