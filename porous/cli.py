@@ -21,13 +21,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, CycloptsError, Parameter
 
-from porous.errors import ModelError, PorousError, RecipeError
+from porous.errors import Cancelled, ModelError, PorousError, RecipeError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from porous.pipeline import Result
     from porous.recipe import Recipe
+    from porous.scale import StoredGrid
     from porous.values import Measures
     from porous.values.tiled import Map
 
@@ -142,20 +143,25 @@ def make(
 ) -> None:
     """Make everything that a recipe says, into a folder: voxels, surface, mesh, deck, report."""
     from porous import workspace
+    from porous.pipeline import check_stored
     from porous.scale.estimate import check, estimate
 
     stored = out_of_core or cluster is not None
     with _memory(max_memory), _of(source), _Progress() as progress:
         recipe = _load(source, values, voxels)
+        _check_chunk(chunk, stored=stored)
+        if stored:
+            check_stored(recipe)
         expected = estimate(recipe, only=only, out_of_core=stored)
         if dry_run:
             print(expected)
-            return
         check(expected)
+        if dry_run:
+            return
         _tell(expected.summary)
         if stored:
             how = {} if chunk is None else {"chunk": chunk}
-            with _workers(cluster) as map_:
+            with _staying(out), _workers(cluster) as map_:
                 made = workspace.make_stored(
                     recipe, out, only=only, map=map_, progress=progress, **how
                 )
@@ -178,9 +184,30 @@ def resume(
     if workspace.is_whole(folder):
         print(f"{folder}: is whole; there is nothing to do")
         return
-    with _memory(max_memory), _Progress() as progress, _workers(cluster) as map_:
+    with (
+        _memory(max_memory),
+        _staying(folder),
+        _Progress() as progress,
+        _workers(cluster) as map_,
+    ):
         made = workspace.resume(folder, map=map_, progress=progress)
     _print_made(made, folder, as_json=as_json)
+
+
+def _check_chunk(chunk: int | None, *, stored: bool) -> None:
+    if chunk is not None and not stored:
+        raise RecipeError("--chunk: is of work out of core; wanted --out-of-core too")
+    if chunk is not None and chunk < 1:
+        raise RecipeError(f"--chunk: got {chunk}; wanted a number of voxels, at least 1")
+
+
+@contextlib.contextmanager
+def _staying(folder: Path) -> Iterator[None]:
+    """Say to who interrupts work out of core that it was not in vain."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise Cancelled(f"interrupted; what is done stays: porous resume {folder}") from None
 
 
 @contextlib.contextmanager
@@ -240,7 +267,8 @@ def _is_recipe(source: str) -> bool:
     """Tell whether a preset or a recipe is meant, and no file of another kind."""
     from porous import presets
 
-    return source in presets.names() or Path(source).suffix in ("", presets.SUFFIX)
+    named = Path(source).suffix in ("", presets.SUFFIX) and not Path(source).is_dir()
+    return source in presets.names() or named
 
 
 def _measured(recipe: Recipe, feature: float | None, progress: _Progress) -> Result:
@@ -262,7 +290,17 @@ def _examined(path: str, *, given: bool) -> Result:
 
     if given:
         raise RecipeError(f"{path}: --set, --voxels and --feature are for presets and recipes")
+    if Path(path).is_dir():
+        return examine(_stored_grid(Path(path)))
     return examine(read(path))  # type: ignore[arg-type]
+
+
+def _stored_grid(folder: Path) -> StoredGrid:
+    """Return the voxels of a store, or of a folder that was made out of core."""
+    from porous.scale import StoredGrid
+
+    inner = folder / "grid.zarr"
+    return StoredGrid.open(inner if inner.is_dir() else folder)
 
 
 @app.command
@@ -273,7 +311,8 @@ def convert(
     """Convert a file into another format."""
     from porous.formats import read, write
 
-    write(read(source), target)
+    value = _stored_grid(source).to_grid() if source.is_dir() else read(source)
+    write(value, target)
 
 
 @app.command

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from porous import disk, pipeline
-from porous.errors import DiskError, FormatError
+from porous.errors import DiskError, FormatError, RecipeError
 from porous.recipe import dump, files, load, with_files
-from porous.scale import CHUNK
+from porous.scale import CHUNK, StoredGrid
+from porous.stages import StreamedSurface
 from porous.values import SurfaceMesh, VoxelGrid
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from porous.pipeline import Progress, Result
     from porous.recipe import Recipe
@@ -73,6 +74,7 @@ def make(
         As ``run``.
     """
     _check_store(Path(folder), _identity(recipe))
+    _check_own(Path(folder))
     with disk.staging(folder) as stage:
         result = pipeline.run(recipe, only=only, progress=progress)
         local, text = _localised(recipe, stage)
@@ -166,13 +168,30 @@ def is_whole(folder: str | Path) -> bool:
 
     place = Path(folder)
     _begun(place)
-    if _is_there(place / UNFINISHED) or not _is_there(place / LAST):
+    made = _logged(place).get("files")
+    if _is_there(place / UNFINISHED) or not isinstance(made, dict) or LAST not in made:
+        return False
+    if any(_sum(place / name) != told for name, told in made.items()):
         return False
     store = place / pipeline.STORE
     try:
-        return not _is_there(store) or not Store.open(store).verify()
+        return pipeline.STORE not in made or not Store.open(store).verify()
     except FormatError:
         return False
+
+
+def _sum(path: Path) -> object:
+    """Return size and CRC32C of a file, of a folder that it is one; None where there is nothing."""
+    from porous.scale import crc32c_of
+
+    if path.is_dir():
+        return "folder"
+    try:
+        return list(crc32c_of(path))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise _unreadable(path, error) from None
 
 
 class _How(NamedTuple):
@@ -187,6 +206,7 @@ class _How(NamedTuple):
 def _stored(recipe: Recipe, place: Path, how: _How) -> Result:
     identity = _identity(recipe)
     _check_store(place, identity)
+    _check_own(place)
     result = pipeline.run_stored(
         recipe,
         place,
@@ -196,7 +216,8 @@ def _stored(recipe: Recipe, place: Path, how: _How) -> Result:
     )
     with disk.staging(place) as stage:
         result = replace(result, recipe=with_files(recipe, _names(recipe)))
-        _finish(result, stage, {"only": how.only, "chunk": how.chunk}, how.progress)
+        asked = {"only": how.only, "chunk": how.chunk}
+        _finish(result, stage, asked, how.progress, place)
         disk.commit(stage, place, last=LAST)
     disk.remove(place / UNFINISHED)
     disk.settle(place)
@@ -232,8 +253,8 @@ def _begun(place: Path) -> tuple[Recipe, tuple[str | None, int]]:
     from porous.scale.store import check_same
 
     path = place / "recipe.toml"
-    begun = any(_is_there(place / name) for name in (UNFINISHED, pipeline.STORE, LAST))
-    if not _is_there(path) or not begun:
+    begun = any(_is_there(place / name) for name in (UNFINISHED, pipeline.STORE))
+    if not _is_there(path) or not (begun or "files" in _logged(place)):
         raise FormatError(
             f"{place}: holds nothing to go on with; wanted a folder that `porous make "
             "--out-of-core` has begun"
@@ -279,6 +300,18 @@ def _check_store(place: Path, identity: str) -> None:
 
     if _is_there(place / pipeline.STORE):
         check_store(place / pipeline.STORE, identity)
+
+
+def _check_own(place: Path) -> None:
+    """Refuse a folder with files of these names that porous has not made there."""
+    if any(_is_there(place / name) for name in (LAST, LOG, UNFINISHED, pipeline.STORE)):
+        return
+    found = [name for name in ("recipe.toml", *KNOWN) if _is_there(place / name)]
+    if found:
+        raise RecipeError(
+            f"{place}: holds a file {found[0]} that porous has not made there; wanted another "
+            "folder, or that file elsewhere"
+        )
 
 
 def _is_there(path: Path) -> bool:
@@ -341,14 +374,41 @@ def _row(value: Any) -> dict[str, Any]:
     }
 
 
-def _finish(result: Result, stage: Path, asked: dict[str, Any], progress: Progress | None) -> None:
-    """Write all that came of a recipe, but for the recipe itself."""
+def _finish(
+    result: Result,
+    stage: Path,
+    asked: dict[str, Any],
+    progress: Progress | None,
+    place: Path | None = None,
+) -> None:
+    """Write all that came of a recipe, but for the recipe itself.
+
+    Of a ``place`` that is gone on with the log tells what files it then holds, and their sums.
+    """
     for name, value in _artefacts(result):
         _write(value, stage / name)
     if asked["only"] is None:
         _report(result, stage / "report.html", progress)
-    disk.write_bytes(stage / LOG, _json({**asked, **_log(result)}))
     disk.write_bytes(stage / LAST, _json(record(result)))
+    if place is not None:
+        asked = {**asked, "files": _sums(result, stage, place)}
+    disk.write_bytes(stage / LOG, _json({**asked, **_log(result)}))
+
+
+def _sums(result: Result, stage: Path, place: Path) -> dict[str, object]:
+    """Return what a folder will hold by name: sizes and sums of files, stores as folders."""
+    names = {"recipe.toml": place, **dict.fromkeys(map(str, _names_of(result)), place)}
+    names |= {path.name: stage for path in stage.iterdir()}
+    if isinstance(result.surface, StreamedSurface):
+        names[pipeline.SURFACE] = place
+    if isinstance(result.grid, StoredGrid):
+        names[pipeline.STORE] = place
+    return {name: _sum(where / name) for name, where in sorted(names.items())}
+
+
+def _names_of(result: Result) -> Iterable[Path]:
+    assert result.recipe is not None
+    return _names(result.recipe).values()
 
 
 def _names(recipe: Recipe) -> dict[str, Path]:

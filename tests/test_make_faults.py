@@ -201,7 +201,7 @@ def test_what_says_what_is_wanted_is_mended_by_making_again(unfinished, folder):
 def test_a_log_that_says_nothing_of_use(case, folder, text):
     shutil.copytree(case.folder, folder)
     (folder / workspace.LOG).write_bytes(text.encode(errors="surrogateescape"))
-    assert workspace.is_whole(folder)
+    assert not workspace.is_whole(folder)
 
 
 # --- foreign stores ----------------------------------------------------------------------

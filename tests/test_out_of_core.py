@@ -139,6 +139,70 @@ def test_a_damaged_chunk_is_mended(tmp_path):
     assert workspace.is_whole(tmp_path)
 
 
+def remove_store(out):
+    shutil.rmtree(out / "grid.zarr")
+
+
+def remove_surface(out):
+    (out / "surface.stl").unlink()
+
+
+def cut_surface(out):
+    (out / "surface.stl").write_bytes((out / "surface.stl").read_bytes()[:1000])
+
+
+def cut_measures(out):
+    (out / "measures.json").write_bytes((out / "measures.json").read_bytes()[:1000])
+
+
+def lose_log(out):
+    (out / "log.json").unlink()
+
+
+@pytest.mark.parametrize(
+    "spoil", [remove_store, remove_surface, cut_surface, cut_measures, lose_log]
+)
+def test_whatever_is_missing_or_cut_is_made_again(tmp_path, spoil):
+    workspace.make_stored(load("menger", set=MENGER), tmp_path, only="measures", chunk=CHUNK)
+    before = lasting(tmp_path)
+    assert workspace.is_whole(tmp_path)
+    spoil(tmp_path)
+    assert not workspace.is_whole(tmp_path)
+    workspace.resume(tmp_path)
+    found = lasting(tmp_path)
+    if spoil is lose_log:  # then all is asked for
+        return
+    if spoil is remove_store:  # of other chunks
+        assert {name for name in found if "/" not in name} == {n for n in before if "/" not in n}
+        found, before = found["measures.json"], before["measures.json"]
+    assert found == before
+    assert workspace.is_whole(tmp_path)
+
+
+def test_a_folder_made_in_memory_is_not_gone_on_with(tmp_path):
+    workspace.make(load("menger", set=MENGER), tmp_path, only="voxels")
+    with pytest.raises(FormatError, match="holds nothing to go on with"):
+        workspace.resume(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["recipe.toml", "surface.stl", "report.html"])
+@pytest.mark.parametrize("make", [workspace.make, workspace.make_stored])
+def test_files_of_the_user_are_not_touched(tmp_path, name, make):
+    (tmp_path / name).write_text("my own")
+    with pytest.raises(RecipeError, match=f"holds a file {name} that porous has not made there"):
+        make(load("menger", set=MENGER), tmp_path, only="voxels")
+    assert contents(tmp_path) == {name: b"my own"}
+
+
+@pytest.mark.parametrize("name", ["menger-block", "menger-halved"])
+def test_a_bulk_that_fills_the_frame_is_none_on_disk_either(tmp_path, name):
+    recipe = load(name, set={"voxels.voxels": 27, "model.level": 1})
+    whole = workspace.make(recipe, tmp_path / "whole", only="voxels")
+    parts = workspace.make_stored(recipe, tmp_path / "parts", only="voxels", chunk=10)
+    assert whole.grid.bulk is None
+    assert parts.measures == whole.measures
+
+
 def test_a_file_that_a_recipe_reads_goes_along(tmp_path):
     (tmp_path / "corner.obj").write_text(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
@@ -221,6 +285,37 @@ def test_made_and_resumed_by_the_command_line(tmp_path, capsys):
     assert "grid.zarr" in capsys.readouterr().out
     assert main(["resume", str(tmp_path)]) == 0
     assert "is whole; there is nothing to do" in capsys.readouterr().out
+    for path in (tmp_path, tmp_path / "grid.zarr"):
+        assert main(["measure", str(path)]) == 0
+        assert "euler_number" in capsys.readouterr().out
+    assert main(["convert", str(tmp_path / "grid.zarr"), str(tmp_path / "grid.npz")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "text"),
+    [
+        (["--chunk", "0", "--out-of-core"], "--chunk: got 0; wanted a number of voxels"),
+        (["--chunk", "8"], "--chunk: is of work out of core"),
+        (["--out-of-core", "--set", "surface.smooth=2", "--dry-run"], "surface.smooth: got 2"),
+        (["--voxels", "1500", "--max-memory", "2G", "--dry-run"], "--out-of-core"),
+        (["--cluster", "local:900"], "cluster: got 'local:900'; wanted at most"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_before_anything_is_made(tmp_path, capsys, more, text):
+    out = tmp_path / "out"
+    assert main(["make", "menger", "--only", "voxels", "-o", str(out), *more]) == 2
+    assert text in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_who_interrupts_is_told_what_stays(tmp_path, capsys, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("porous.workspace.make_stored", interrupted)
+    assert main(["make", "menger", "--out-of-core", "-o", str(tmp_path / "out")]) == 130
+    said = capsys.readouterr().err
+    assert f"interrupted; what is done stays: porous resume {tmp_path / 'out'}" in said
 
 
 @pytest.mark.slow

@@ -2,6 +2,16 @@
 
 from porous.pipeline._result import Result
 from porous.pipeline._run import WANTED, Progress, examine, run, run_stored
-from porous.pipeline._stored import STORE
+from porous.pipeline._stored import STORE, SURFACE, check_stored
 
-__all__ = ["STORE", "WANTED", "Progress", "Result", "examine", "run", "run_stored"]
+__all__ = [
+    "STORE",
+    "SURFACE",
+    "WANTED",
+    "Progress",
+    "Result",
+    "check_stored",
+    "examine",
+    "run",
+    "run_stored",
+]

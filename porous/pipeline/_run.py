@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from porous.recipe import Recipe
+    from porous.scale import StoredGrid
     from porous.values import SurfaceMesh, VolumeMesh, VoxelGrid
     from porous.values.tiled import Map
 
@@ -120,7 +121,7 @@ def _through(work: Work, wanted: tuple[str, ...]) -> Result:
     return work.result()
 
 
-def examine(value: VoxelGrid | SurfaceMesh | VolumeMesh) -> Result:
+def examine(value: VoxelGrid | StoredGrid | SurfaceMesh | VolumeMesh) -> Result:
     """Return the measures of a value that came from a file, as a result without a recipe."""
     from porous.measures import measure
 
@@ -130,7 +131,12 @@ def examine(value: VoxelGrid | SurfaceMesh | VolumeMesh) -> Result:
     return replace(made, **{_FIELDS[type(value).__name__]: value})  # type: ignore[arg-type]
 
 
-_FIELDS = {"VoxelGrid": "grid", "SurfaceMesh": "surface", "VolumeMesh": "volume"}
+_FIELDS = {
+    "VoxelGrid": "grid",
+    "StoredGrid": "grid",
+    "SurfaceMesh": "surface",
+    "VolumeMesh": "volume",
+}
 
 
 def _wanted(only: str | None) -> tuple[str, ...]:

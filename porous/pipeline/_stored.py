@@ -47,7 +47,7 @@ class StoredWork(Work):
     ) -> None:
         super().__init__(recipe, progress)
         self.place, self.map = place, map
-        _check(recipe)
+        check_stored(recipe)
 
     def build(self) -> None:
         super().build()
@@ -104,8 +104,8 @@ class StoredWork(Work):
         return None
 
 
-def _check(recipe: Recipe) -> None:
-    """Refuse a recipe that asks for what is done in memory only."""
+def check_stored(recipe: Recipe) -> None:
+    """Raise ``RecipeError`` where a recipe asks for what is done in memory only."""
     how = recipe.surface
     asked = {
         "surface.smooth": (how.smooth, not how.smooth, "0"),

@@ -42,6 +42,8 @@ R = TypeVar("R")
 
 SIX, HOST = r"\[(?P<six>[\da-fA-F:.]+)\]", r"(?P<host>[\w.-]+)"
 REMOTE = re.compile(rf"(tcp|tls)://({SIX}|{HOST}):(?P<port>\d{{1,5}})", re.ASCII)
+MOST_LOCAL = 4
+"""Processes for each core of this machine, at most: more only take memory."""
 LOCAL = re.compile(r"local(:(?P<count>[1-9]\d{0,3}))?", re.ASCII)
 CONNECT = 4.0
 """Seconds that a machine has to take our call, and that a scheduler then has to answer it."""
@@ -384,6 +386,12 @@ def check_address(address: str) -> None:
         raise RecipeError(
             f"cluster: got {address!r}; wanted tcp://host:port of a scheduler of Dask, or local, "
             "or local:4 for as many processes on this machine"
+        )
+    count = address.partition(":")[2] if remote is None else ""
+    if count and int(count) > MOST_LOCAL * (os.cpu_count() or 1):
+        raise RecipeError(
+            f"cluster: got {address!r}; wanted at most {MOST_LOCAL} processes for each of the "
+            f"{os.cpu_count()} cores"
         )
 
 

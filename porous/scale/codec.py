@@ -17,10 +17,14 @@ import numpy as np
 from porous.errors import FormatError, PorousError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
 LEVEL = 1
 """zstd's level: higher ones are slower than the disk and save little on 0 and 255."""
+PIECE = 1 << 24
+"""Bytes of a file that are read at once."""
 SUM = 4
 """Bytes of the CRC32C at a chunk's end."""
 MAGIC = b"\x28\xb5\x2f\xfd"
@@ -39,6 +43,17 @@ def crc32c(data: bytes) -> int:
     except ImportError as error:
         raise _not_installed(error) from None
     return int(google_crc32c.value(data))
+
+
+def crc32c_of(path: Path) -> tuple[int, int]:
+    """Return how many bytes a file has, and their CRC32C."""
+    import google_crc32c
+
+    size = total = 0
+    with path.open("rb") as file:
+        while piece := file.read(PIECE):
+            size, total = size + len(piece), int(google_crc32c.extend(total, piece))
+    return size, total
 
 
 def encode(block: NDArray[np.uint8], chunk: tuple[int, int, int]) -> bytes:

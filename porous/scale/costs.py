@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 TETWILD_TRIANGLES = 20_000
 """Triangles up to which tetrahedra are made unasked, as the pipeline has it."""
-OVERHEAD = 96 << 20
+OVERHEAD = 240 << 20
 """Bytes of libraries and compiled kernels that come into memory on the way, and of small things."""
 PICTURE = 520 << 20
 """Bytes of the process that draws the report's picture, of a small scene."""
@@ -97,7 +97,7 @@ RATES: dict[str, Rate] = {
     "streamed lattice": Rate(seconds=15e-9),  # a voxel
     "stored measures": Rate(seconds=80e-9),  # a voxel
 }
-SECONDS = {"model": 0.2, "voxels": 0.1, "surface": 0.1, "volume": 0.2, "measures": 0.5}
+SECONDS = {"model": 2.0, "voxels": 0.5, "surface": 0.3, "volume": 0.5, "measures": 1.0}
 SECONDS |= {"files": 0.1, "report": 4.0, "tetwild": 4.0}
 WANTED: Mapping[str, tuple[str, ...]] = {
     "model": (),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from porous.errors import MemoryLimitError, PorousError, RecipeError, nearest
 from porous.memory import readable
 from porous.recipe import build
-from porous.scale.costs import WANTED, Cost, Work
+from porous.scale.costs import OVERHEAD, WANTED, Cost, Work
 from porous.values.value import Value
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from porous.recipe import Recipe
     from porous.values import Frame
 
-FACTOR = 4
+FACTOR = 10
 """Times are within this factor of what is said, mostly."""
 
 
@@ -165,7 +165,8 @@ def _remedy(estimate: Estimate) -> str:
     if not estimate.out_of_core and _fits_stored(estimate):
         remedies.append("make it out of core: --out-of-core")
     if not remedies:
-        remedies.append("choose a lower level, or allow more: --max-memory")
+        lower = "choose a lower level, or " if estimate.limit > 2 * OVERHEAD else ""
+        remedies.append(f"{lower}allow more: --max-memory")
     text = ", or ".join(remedies)
     return f"{text[0].upper()}{text[1:]}."
 

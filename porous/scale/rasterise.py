@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from porous import disk
 from porous.errors import FormatError
 from porous.scale.files import read_plan
 from porous.scale.store import CHUNK, Store, has_store
@@ -41,7 +42,7 @@ class _WriteTile:
             raise FormatError(
                 f"{self.store.folder}: holds another store here than where work began"
             )
-        start, stop = self.store.tiles[index]
+        start, stop = self.store.plan.tile(self.store.plan.place(index))
         fill, bulk = self.source.block(start, stop)
         if bulk is not None:
             self.store.write("bulk", index, bulk)
@@ -98,6 +99,8 @@ def fill_store(
     _tell(progress, count - len(missing), count)
     for done, _ in enumerate(map(_WriteTile(store, source), missing), 1):
         _tell(progress, count - len(missing) + done, count)
+    for name in store.arrays:
+        disk.sweep(store.folder / name)  # what workers that died have left
     return store.commit()
 
 

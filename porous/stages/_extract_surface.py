@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.errors import MeshError
+from porous.errors import GridError, MeshError
 from porous.stages._voxel_faces import voxel_faces
-from porous.values import SurfaceMesh
+from porous.values import SurfaceMesh, VoxelGrid
 from porous.values.value import adopted
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.values import Frame, VoxelGrid
+    from porous.values import Frame
 
     Progress = Callable[[str, float], None]
 
@@ -70,6 +70,11 @@ def extract_surface(
     MemoryLimitError
         Where the surface would not fit into memory.
     """
+    if not isinstance(grid, VoxelGrid):
+        raise GridError(
+            f"extract_surface: got a {type(grid).__name__}; wanted a grid in memory: "
+            "stream_surface writes the surface of one that is not"
+        )
     if method not in METHODS:
         raise MeshError(f"surface method: got {method!r}; wanted one of {', '.join(METHODS)}")
     check_fullest(int(grid.fill.max()))

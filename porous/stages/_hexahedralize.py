@@ -9,12 +9,12 @@ import numpy as np
 
 from porous.errors import GridError
 from porous.memory import check_memory
-from porous.values import Block, VolumeMesh
+from porous.values import Block, VolumeMesh, VoxelGrid
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from porous.values import Frame, VoxelGrid
+    from porous.values import Frame
 
     Indices = NDArray[np.int64]
 
@@ -41,6 +41,11 @@ def hexahedralize(grid: VoxelGrid) -> VolumeMesh:
     MemoryLimitError
         Before anything is allocated.
     """
+    if not isinstance(grid, VoxelGrid):
+        raise GridError(
+            f"hexahedralize: got a {type(grid).__name__}; wanted a grid in memory, as its "
+            "to_grid() is where it fits"
+        )
     count = int(np.count_nonzero(grid.solid))
     if not count:
         raise GridError(f"voxels: none of the {grid.frame.size} voxels is solid; no cells to make")

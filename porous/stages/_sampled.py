@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 TILE = (64, 64, 128)
 """Voxels of a tile: its masks fit the cache, and lines along z are long."""
 
+FULL = 1e-9
+"""Part of a frame's volume that a bulk may lack and fill it all the same."""
+
 MASK_BYTES = 8 * 6
 """Bytes per voxel of a tile while it is sampled, about."""
 
@@ -75,11 +78,12 @@ class SampledModel(Value):
 
     @cached_property
     def has_bulk(self) -> bool:
-        """Whether some of the frame is not bulk, or may not be."""
+        """Whether some of the frame is not bulk."""
         box = self.frame.box
-        return self.is_bulk_sampled or not self.model.bulk.contains(
-            box, tolerance=1e-9 * max(box.lengths)
-        )
+        if isinstance(self.model, HasBulk):
+            # The frame holds it, so it fills the frame where it is as large.
+            return self.model.bulk_volume < box.volume * (1 - FULL)
+        return not self.model.bulk.contains(box, tolerance=1e-9 * max(box.lengths))
 
     @cached_property
     def hausdorff(self) -> float | None:

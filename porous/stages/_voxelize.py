@@ -79,8 +79,6 @@ def voxelize(
     start = (0, 0, 0)
     fill = source.fill(start, frame.shape, _Report(progress, 0.0, half))
     bulk = source.bulk(start, frame.shape, _Report(progress, half, 1.0))
-    if bulk is not None and source.is_bulk_sampled and bulk.min() == 255:
-        bulk = None
     return VoxelGrid(frame, fill, bulk, sampling, source.hausdorff, source.sampling_error)
 
 
