@@ -50,7 +50,9 @@ GRID_TILE = 1 << 26
 SEAM, SEAM_PIECES = 80, 500
 """Bytes that a voxel at the border of a tile takes until its neighbours are measured: where there
 is little surface, and how much more where there is a triangle for every voxel."""
-GUEST = 400 << 20
+TETRAHEDRA = 80_000
+"""Tetrahedra that a surface of any number of triangles may have besides one for each."""
+GUEST = 250 << 20
 """Bytes of the process that makes tetrahedra, of a small surface."""
 
 
@@ -74,7 +76,7 @@ RATES: dict[str, Rate] = {
     "hexahedra": Rate(work=260, kept=220, seconds=1.0e-6),  # a solid voxel
     "hexahedra's skin": Rate(kept=80),  # a triangle of the voxels' surface
     "hexahedra's lattice": Rate(work=28),  # a voxel
-    "tetwild": Rate(work=30_000, kept=2_000, seconds=3e-3),  # a triangle
+    "tetwild": Rate(work=2_500, kept=500, seconds=1e-3),  # a triangle
     "cells": Rate(work=2 * BYTES_PER_CELL, kept=2000, seconds=5e-5),  # a cell
     "cells drawn": Rate(work=8000, kept=5000),  # a cell that voxels are made of
     "measured surface": Rate(work=300, kept=50, seconds=11e-6),  # a triangle
@@ -396,7 +398,9 @@ class Work:
     def elements(self) -> float:
         """Of the volume mesh, at most."""
         per = {"hexahedra": self.solid if self.volume == "hexahedra" else 0.0}
-        per |= {"tetwild": 8.0 * self.triangles, "cells": 4.0 * self.cells}
+        # tetwild makes 7 627 tetrahedra of 2 112 triangles and 36 663 of 36 096.
+        per |= {"tetwild": min(8.0 * self.triangles, TETRAHEDRA + self.triangles)}
+        per |= {"cells": 4.0 * self.cells}
         return per.get(self.volume, 0.0)
 
     def _measures(self) -> None:
