@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_automaton import duplicated, renamed
 
+import porous as po
 from porous.errors import MemoryLimitError, MeshError, ModelError, RecipeError
 from porous.models import primitive as primitives
 from porous.models.automaton import Automaton, State, Transition, of_maps
@@ -510,3 +511,30 @@ def test_presets_build(name):
     model = build(load(name))
     assert model.domain.contains(model.bulk)
     assert max(model.bulk.lengths) == pytest.approx(1.0)
+
+
+def moved(shift):
+    """Four turned maps of a tetrahedron, all of it moved."""
+    place, turn = (
+        shift * np.array([1, 0.7, 0.3]),
+        np.array([[0, -0.5, 0], [0.5, 0, 0], [0, 0, 0.5]]),
+    )
+    corners = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]]) / 2
+    maps = [(turn, corner + (np.eye(3) - turn) @ place) for corner in corners]
+    solid = po.exact_surface(
+        po.ifs([(np.eye(3) / 2, np.zeros(3))], level=0, primitive="tetrahedron")
+    )
+    return po.ifs(maps, level=3, primitive=SurfaceMesh(solid.points + place, solid.triangles))
+
+
+def test_a_body_far_away_is_the_same_or_refused():
+    """Rounding grows with the cube of coordinates: voxels are right, or there are none."""
+    near = po.voxelize(moved(0.0), voxels=40)
+    volume = int(near.fill.sum())
+    for shift in (1.0, 30.0, 300.0):
+        assert int(po.voxelize(moved(shift), voxels=40).fill.sum()) == pytest.approx(
+            volume, rel=1e-3
+        )
+    for sampling in ("fill", "cover"):
+        with pytest.raises(ModelError, match=r"lies at coordinates up to 1e\+06 mm"):
+            po.voxelize(moved(1e6), voxels=40, sampling=sampling)
