@@ -22,13 +22,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from porous.errors import Cancelled, ModelError, PorousError, RecipeError
+from porous.memory import limited
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from porous.pipeline import Result
     from porous.recipe import Recipe
-    from porous.scale import StoredGrid
     from porous.values import Measures
     from porous.values.tiled import Map
 
@@ -147,7 +147,7 @@ def make(
     from porous.scale.estimate import check, estimate
 
     stored = out_of_core or cluster is not None
-    with _memory(max_memory), _of(source), _Progress() as progress:
+    with limited(max_memory), _of(source), _Progress() as progress:
         recipe = _load(source, values, voxels)
         _check_chunk(chunk, stored=stored)
         if stored:
@@ -185,7 +185,7 @@ def resume(
         print(f"{folder}: is whole; there is nothing to do")
         return
     with (
-        _memory(max_memory),
+        limited(max_memory),
         _staying(folder),
         _Progress() as progress,
         _workers(cluster) as map_,
@@ -195,10 +195,8 @@ def resume(
 
 
 def _check_chunk(chunk: int | None, *, stored: bool) -> None:
-    if chunk is not None and not stored:
-        raise RecipeError("--chunk: is of work out of core; wanted --out-of-core too")
-    if chunk is not None and chunk < 1:
-        raise RecipeError(f"--chunk: got {chunk}; wanted a number of voxels, at least 1")
+    if chunk is not None and (chunk < 1 or not stored):
+        raise RecipeError(f"--chunk: got {chunk}; wanted 1 voxel or more, with --out-of-core")
 
 
 @contextlib.contextmanager
@@ -223,10 +221,8 @@ def _workers(address: str | None) -> Iterator[Map]:
 
 
 def _print_made(made: Result, folder: Path, *, as_json: bool) -> None:
-    from porous import workspace
-
     if as_json:
-        print((folder / workspace.LAST).read_text(encoding="utf-8"), end="")
+        print((folder / "measures.json").read_text(encoding="utf-8"), end="")
         return
     _print_result(made, every=False)
     print(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
@@ -250,7 +246,7 @@ def measure(
     """Measure a file, a preset or a recipe."""
     from porous import workspace
 
-    with _memory(max_memory), _of(source), _Progress() as progress:
+    with limited(max_memory), _of(source), _Progress() as progress:
         if _is_recipe(source):
             result = _measured(_load(source, values, voxels), feature, progress)
         else:
@@ -287,20 +283,13 @@ def _measured(recipe: Recipe, feature: float | None, progress: _Progress) -> Res
 def _examined(path: str, *, given: bool) -> Result:
     from porous.formats import read
     from porous.pipeline import examine
+    from porous.scale import StoredGrid
 
     if given:
         raise RecipeError(f"{path}: --set, --voxels and --feature are for presets and recipes")
     if Path(path).is_dir():
-        return examine(_stored_grid(Path(path)))
+        return examine(StoredGrid.open(path))
     return examine(read(path))  # type: ignore[arg-type]
-
-
-def _stored_grid(folder: Path) -> StoredGrid:
-    """Return the voxels of a store, or of a folder that was made out of core."""
-    from porous.scale import StoredGrid
-
-    inner = folder / "grid.zarr"
-    return StoredGrid.open(inner if inner.is_dir() else folder)
 
 
 @app.command
@@ -310,8 +299,9 @@ def convert(
 ) -> None:
     """Convert a file into another format."""
     from porous.formats import read, write
+    from porous.scale import StoredGrid
 
-    value = _stored_grid(source).to_grid() if source.is_dir() else read(source)
+    value = StoredGrid.open(source).to_grid() if source.is_dir() else read(source)
     write(value, target)
 
 
@@ -439,23 +429,6 @@ def _of(source: str) -> Iterator[None]:
         yield
     except ModelError as error:
         raise ModelError(f"{source}: {error}") from None
-
-
-@contextlib.contextmanager
-def _memory(amount: str | None) -> Iterator[None]:
-    """Let no more than ``amount`` of memory be taken, here and by guests."""
-    from porous.memory import parse
-
-    before = os.environ.get("POROUS_MAX_MEMORY")
-    if amount is not None:
-        os.environ["POROUS_MAX_MEMORY"] = str(parse(amount))
-    try:
-        yield
-    finally:
-        if amount is not None:
-            os.environ.pop("POROUS_MAX_MEMORY")
-            if before is not None:
-                os.environ["POROUS_MAX_MEMORY"] = before
 
 
 def _settings(values: Iterable[str], voxels: int | None) -> dict[str, object]:

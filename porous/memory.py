@@ -7,10 +7,14 @@ import os
 import re
 import resource
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import psutil
 
 from porous.errors import MemoryLimitError, RecipeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 SHARE = 0.8
 """Part of the free memory that porous takes at most."""
@@ -35,6 +39,21 @@ def available() -> int:
     share = int(max(min(free), 0) * SHARE)
     wanted = os.environ.get("POROUS_MAX_MEMORY", "")
     return min(share, parse(wanted)) if wanted else share
+
+
+@contextlib.contextmanager
+def limited(amount: str | None) -> Iterator[None]:
+    """Let no more than ``amount`` (``8G``) of memory be taken, here and by guests."""
+    before = os.environ.get("POROUS_MAX_MEMORY")
+    if amount is not None:
+        os.environ["POROUS_MAX_MEMORY"] = str(parse(amount))
+    try:
+        yield
+    finally:
+        if amount is not None:
+            os.environ.pop("POROUS_MAX_MEMORY")
+            if before is not None:
+                os.environ["POROUS_MAX_MEMORY"] = before
 
 
 def parse(text: str) -> int:

@@ -6,6 +6,7 @@ import builtins
 import hashlib
 import json
 import math
+import stat
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -74,7 +75,7 @@ def make(
         As ``run``.
     """
     _check_store(Path(folder), _identity(recipe))
-    _check_own(Path(folder))
+    _check_own(Path(folder), recipe)
     with disk.staging(folder) as stage:
         result = pipeline.run(recipe, only=only, progress=progress)
         local, text = _localised(recipe, stage)
@@ -184,10 +185,8 @@ def _sum(path: Path) -> object:
     """Return size and CRC32C of a file, of a folder that it is one; None where there is nothing."""
     from porous.scale import crc32c_of
 
-    if path.is_dir():
-        return "folder"
     try:
-        return list(crc32c_of(path))
+        return "folder" if stat.S_ISDIR(path.stat().st_mode) else list(crc32c_of(path))
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -206,7 +205,7 @@ class _How(NamedTuple):
 def _stored(recipe: Recipe, place: Path, how: _How) -> Result:
     identity = _identity(recipe)
     _check_store(place, identity)
-    _check_own(place)
+    _check_own(place, recipe)
     result = pipeline.run_stored(
         recipe,
         place,
@@ -302,11 +301,15 @@ def _check_store(place: Path, identity: str) -> None:
         check_store(place / pipeline.STORE, identity)
 
 
-def _check_own(place: Path) -> None:
+def _check_own(place: Path, recipe: Recipe) -> None:
     """Refuse a folder with files of these names that porous has not made there."""
     if any(_is_there(place / name) for name in (LAST, LOG, UNFINISHED, pipeline.STORE)):
         return
-    found = [name for name in ("recipe.toml", *KNOWN) if _is_there(place / name)]
+    found = [name for name in KNOWN if _is_there(place / name)]
+    # Who was killed in the beginning leaves the recipe alone, in his own words.
+    own = dump(with_files(recipe, _names(recipe))).encode()
+    if _held(place / "recipe.toml") not in (None, own):
+        found.insert(0, "recipe.toml")
     if found:
         raise RecipeError(
             f"{place}: holds a file {found[0]} that porous has not made there; wanted another "

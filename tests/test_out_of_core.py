@@ -294,8 +294,8 @@ def test_made_and_resumed_by_the_command_line(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("more", "text"),
     [
-        (["--chunk", "0", "--out-of-core"], "--chunk: got 0; wanted a number of voxels"),
-        (["--chunk", "8"], "--chunk: is of work out of core"),
+        (["--chunk", "0", "--out-of-core"], "--chunk: got 0; wanted 1 voxel or more"),
+        (["--chunk", "8"], "wanted 1 voxel or more, with --out-of-core"),
         (["--out-of-core", "--set", "surface.smooth=2", "--dry-run"], "surface.smooth: got 2"),
         (["--voxels", "1500", "--max-memory", "2G", "--dry-run"], "--out-of-core"),
         (["--cluster", "local:900"], "cluster: got 'local:900'; wanted at most"),

@@ -64,12 +64,6 @@ FUSED = 0.25
 Contacts = Literal["apart", "fuse", "shared"]
 
 
-ROUNDINGS = 64
-"""How many roundings of a coordinate's power the products of a word's matrices may come to."""
-SHARE = 1 / 16
-"""Part of a voxel that rounding may move a body by."""
-
-
 @dataclass(frozen=True, eq=False)
 class CutSet(Value):
     """A level by size: cells are refined until they are smaller than ``size``, in the unit.
@@ -224,20 +218,9 @@ class IFS(Value):
         return self.pieces.sample(frame, pattern)
 
     def _check_place(self, frame: Frame) -> None:
-        """Refuse a body so far from the origin that rounding moves it by a part of a voxel.
+        from porous.models.rasterise import check_place
 
-        Maps are weights of controls about the origin. Products of them cancel: a level's pieces
-        lose the cube of their coordinates times the rounding, attractors the square; measured at
-        coordinates from 1e3 to 1e9, with ``ROUNDINGS`` of room.
-        """
-        far = max(1.0, *map(abs, (*self.domain.lower, *self.domain.upper)))
-        lost = ROUNDINGS * np.finfo(float).eps * far ** (2 if self.level == "limit" else 3)
-        h = min(frame.spacing)
-        if lost > SHARE * h:
-            raise ModelError(
-                f"model: lies at coordinates up to {far:.3g} {self.unit}, where voxels of {h:.3g} "
-                "are lost in rounding; wanted translations that bring it nearer to the origin"
-            )
+        check_place(self.domain, frame, 2 if self.level == "limit" else 3)
 
     def check_membership(self) -> None:
         """Raise ``ModelError`` for attractors and grown bodies, known on lattices alone."""

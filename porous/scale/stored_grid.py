@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from porous.memory import check_memory
@@ -13,8 +14,6 @@ from porous.values import VoxelGrid
 from porous.values.value import Value
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
 
@@ -39,14 +38,16 @@ class StoredGrid(Value):
 
     @classmethod
     def open(cls, folder: str | Path) -> StoredGrid:
-        """Open a whole store.
+        """Open a whole store, or that in a folder which was made out of core.
 
         Raises
         ------
         FormatError
             As ``Store.open``.
         """
-        return cls(Store.open(folder))
+        place = Path(folder)
+        inner = place / "grid.zarr"  # as `porous make --out-of-core` calls it
+        return cls(Store.open(inner if inner.is_dir() else place))
 
     @property
     def frame(self) -> Frame:
