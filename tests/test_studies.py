@@ -207,3 +207,11 @@ def test_a_study_runs(study, tmp_path):
         assert_meshing_is_fast(fresh)
     if study.stem == "06_voxel_speed":
         assert_voxels_are_fast(fresh)
+
+
+def test_bodies_larger_than_memory_come_out_right():
+    rows = rows_of(ANALYSIS / "results" / "08_larger_than_memory.csv")
+    judged_ = [row for row in rows if row["agrees"] != "not judged"]
+    assert len(judged_) >= 26
+    assert all(row["agrees"] == "True" for row in judged_)
+    assert max(float(row["peak_mib"] or 0) for row in rows) < 4096
