@@ -148,7 +148,7 @@ def resume(
     PorousError
         As ``make_stored``.
     """
-    place = Path(folder)
+    place = Path(folder).absolute()
     recipe, asked = _begun(place)
     with disk.locked(place):
         disk.sweep(place)
@@ -168,9 +168,12 @@ def is_whole(folder: str | Path) -> bool:
     from porous.scale import Store
 
     place = Path(folder)
-    _begun(place)
+    recipe, _ = _begun(place)
     made = _logged(place).get("files")
     if _is_there(place / UNFINISHED) or not isinstance(made, dict) or LAST not in made:
+        return False
+    known = {"recipe.toml", *KNOWN, LAST, pipeline.STORE, *map(str, _names(recipe).values())}
+    if not made.keys() <= known:  # a log of somebody else's: no other file is looked at
         return False
     if any(_sum(place / name) != told for name, told in made.items()):
         return False
@@ -182,7 +185,7 @@ def is_whole(folder: str | Path) -> bool:
 
 
 def _sum(path: Path) -> object:
-    """Return size and CRC32C of a file, of a folder that it is one; None where there is nothing."""
+    """Return a file's size and CRC32C, "folder" for a folder, None where there is nothing."""
     from porous.scale import crc32c_of
 
     try:

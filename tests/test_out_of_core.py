@@ -172,11 +172,21 @@ def test_whatever_is_missing_or_cut_is_made_again(tmp_path, spoil):
     found = lasting(tmp_path)
     if spoil is lose_log:  # then all is asked for
         return
-    if spoil is remove_store:  # of other chunks
-        assert {name for name in found if "/" not in name} == {n for n in before if "/" not in n}
-        found, before = found["measures.json"], before["measures.json"]
     assert found == before
     assert workspace.is_whole(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "a\0b", "grid.zarr/../../secret"])
+def test_a_log_names_no_file_outside(tmp_path, name, monkeypatch):
+    out = tmp_path / "out"
+    workspace.make_stored(load("menger", set=MENGER), out, only="voxels", chunk=CHUNK)
+    log = json.loads((out / "log.json").read_text())
+    log["files"][name] = [1, 2]
+    (out / "log.json").write_text(json.dumps(log))
+    looked_at = []
+    monkeypatch.setattr(workspace, "_sum", looked_at.append)
+    assert not workspace.is_whole(out)
+    assert not looked_at
 
 
 def test_a_folder_made_in_memory_is_not_gone_on_with(tmp_path):
