@@ -158,6 +158,28 @@ def _lock(handle: int, folder: Path) -> None:
 
 
 @contextlib.contextmanager
+def folder_for(path: str | Path) -> Iterator[Path]:
+    """Give a folder, made where it is missing, with its parents; work that fails leaves none empty.
+
+    Raises
+    ------
+    DiskError
+        At once where nothing can be written there.
+    """
+    folder = Path(path)
+    with _refusals(folder):
+        missing = _missing(_name(folder))
+    make_folder(folder)
+    try:
+        yield folder
+    except BaseException:
+        for place in reversed(missing):
+            with contextlib.suppress(OSError):
+                place.rmdir()
+        raise
+
+
+@contextlib.contextmanager
 def staging(path: str | Path) -> Iterator[Path]:
     """Give a hidden folder inside ``path`` to fill; on leaving it is gone, whatever happened.
 
@@ -169,25 +191,18 @@ def staging(path: str | Path) -> Iterator[Path]:
     DiskError
         At once where nothing can be written there; later for files that the disk refuses.
     """
-    folder = Path(path)
-    with _refusals(folder):
-        missing = _missing(_name(folder))
-    stage = make_folder(folder) / f"{TEMPORARY}{secrets.token_hex(8)}"
-    done = False
-    try:
-        with _refusals(folder):
-            stage.mkdir()
-        yield stage
-        done = True
-    except DiskError as error:
-        # The user knows the folder, not the hidden one inside it.
-        raise DiskError(str(error).replace(str(stage), str(folder))) from None
-    finally:
-        with contextlib.suppress(OSError):  # rmtree ignores errors, but for those of closing
-            shutil.rmtree(stage, ignore_errors=True)
-        for place in () if done else reversed(missing):
-            with contextlib.suppress(OSError):
-                place.rmdir()
+    with folder_for(path) as folder:
+        stage = folder / f"{TEMPORARY}{secrets.token_hex(8)}"
+        try:
+            with _refusals(folder):
+                stage.mkdir()
+            yield stage
+        except DiskError as error:
+            # The user knows the folder, not the hidden one inside it.
+            raise DiskError(str(error).replace(str(stage), str(folder))) from None
+        finally:
+            with contextlib.suppress(OSError):  # rmtree ignores errors, but for those of closing
+                shutil.rmtree(stage, ignore_errors=True)
 
 
 def commit(stage: Path, folder: str | Path, *, last: str, stale: Iterable[str] = ()) -> None:

@@ -118,9 +118,8 @@ def make_stored(
     PorousError
         As ``run_stored``; what was done stays.
     """
-    place = disk.make_folder(folder).absolute()  # others may stand elsewhere
-    with disk.locked(place):
-        disk.sweep(place)
+    with disk.folder_for(Path(folder).absolute()) as place, disk.locked(place):
+        disk.sweep(place)  # the path is absolute, for workers may stand elsewhere
         return _stored(recipe, place, _How(only, chunk, map, progress))
 
 

@@ -13,7 +13,14 @@ from faults import contents
 
 from porous import disk, workspace
 from porous.cli import main
-from porous.errors import DiskError, FormatError, ModelError, RecipeError, ViewError
+from porous.errors import (
+    DiskError,
+    FormatError,
+    ModelError,
+    PorousError,
+    RecipeError,
+    ViewError,
+)
 from porous.recipe import load
 from porous.scale import Store, StoredGrid
 from porous.stages import StreamedSurface
@@ -254,6 +261,13 @@ def test_a_store_of_another_recipe_is_refused_and_kept(tmp_path):
 def test_what_is_done_in_memory_only_is_refused(tmp_path, change, text):
     with pytest.raises(RecipeError, match=text):
         workspace.make_stored(load("menger", set={**MENGER, **change}), tmp_path / "out")
+
+
+def test_no_empty_folder_stays_of_what_cannot_begin(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "google_crc32c", None)
+    with pytest.raises(PorousError, match=r"pip install 'porous\[scale\]'"):
+        workspace.make_stored(load("menger", set=MENGER), tmp_path / "new" / "out")
+    assert not (tmp_path / "new").exists()
 
 
 def test_nothing_is_begun_of_a_model_that_is_none(tmp_path):
