@@ -9,8 +9,6 @@ import resource
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import psutil
-
 from porous.errors import MemoryLimitError, RecipeError
 
 if TYPE_CHECKING:
@@ -35,6 +33,8 @@ def available() -> int:
     a batch job), or the limit on the process's address space: the least of them. The environment
     variable POROUS_MAX_MEMORY (``8G``) lowers it.
     """
+    import psutil
+
     free = [psutil.virtual_memory().available, *_address_space(), *group_room(GROUPS, CONTROL)]
     share = int(max(min(free), 0) * SHARE)
     wanted = os.environ.get("POROUS_MAX_MEMORY", "")
@@ -112,6 +112,8 @@ def _address_space() -> list[int]:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:
         return []
+    import psutil
+
     return [limit - psutil.Process().memory_info().vms]
 
 
