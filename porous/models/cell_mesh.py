@@ -32,7 +32,9 @@ def cell_mesh(nodes: CellNodes, *, contacts: str = "apart", unit: str = "mm") ->
 
     Parts are named by the level-0 cell's own faces, wherever they lie: ``XMIN`` the nodes in the
     face XMIN, ``XMIN_FACES`` the faces in it; ``SKIN`` the faces in any of them, ``WALL`` all other
-    faces of one cell, ``SOLID`` every element. Empty ones are left out.
+    faces of one cell, ``SOLID`` every element. Empty ones are left out. Of several level-0 cells
+    the outer faces that lie in a side of the body's box are called as that is, and all of them are
+    ``SKIN``.
 
     Parameters
     ----------
@@ -165,10 +167,12 @@ def _elements(
 def _parts(nodes: CellNodes, layout: _Layout, vertex: Indices) -> Iterable[tuple[str, Part]]:
     members, origin = _outer_faces(nodes, layout)
     lies_in = nodes.origins[0][vertex]
-    for face, name in nodes.faces.items():
+    for name in dict.fromkeys(nodes.faces.values()):
+        called = [face for face, other in nodes.faces.items() if other == name]
+        around = [bound for face in called for bound in nodes.closures[face]]
         for part, kind, own in (
-            (name, "nodes", np.flatnonzero(np.isin(lies_in, nodes.closures[face]))),
-            (f"{name}_FACES", "faces", members[origin == face]),
+            (name, "nodes", np.flatnonzero(np.isin(lies_in, around))),
+            (f"{name}_FACES", "faces", members[np.isin(origin, called)]),
         ):
             if len(own):
                 yield part, Part(kind, own)

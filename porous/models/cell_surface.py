@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
 
-WALL = "WALL"
+WALL, SKIN = "WALL", "SKIN"
 
 BYTES_PER_FACE = 1200
 
@@ -48,7 +48,8 @@ def cell_boundary(nodes: CellNodes, *, unit: str = "mm") -> SurfaceMesh:
     and so does an edge that two fans share while its ends are joined around it: such edges get
     a point of their own for each fan, in the middle.
 
-    Labels are ``WALL`` and the names of the level-0 cell's faces, wherever those lie.
+    Labels are ``WALL`` and the names of the level-0 cell's faces, wherever those lie; ``SKIN``
+    where such a face has no name.
 
     Parameters
     ----------
@@ -72,14 +73,16 @@ def cell_boundary(nodes: CellNodes, *, unit: str = "mm") -> SurfaceMesh:
     points = nodes.points[vertex]
     middle, middles = _middles(points, rims, corner, first, second)
     origin = nodes.origins[1][nodes.sides[rims.sides]]
-    label = np.searchsorted(sorted(nodes.faces), origin) + 1
-    label = np.where(origin < 0, 0, label)
+    names = (WALL, *dict.fromkeys(nodes.faces.values()), SKIN)
+    label = np.where(origin < 0, 0, len(names) - 1)
+    for face, name in nodes.faces.items():
+        label[origin == face] = names.index(name)
     return _fanned(
         np.vstack([points, middles]),
         corner.reshape(-1, WIDTH),
         middle.reshape(-1, WIDTH),
         label,
-        (WALL, *(nodes.faces[k] for k in sorted(nodes.faces))),
+        names if (label == len(names) - 1).any() else names[:-1],
         unit,
     )
 

@@ -8,8 +8,9 @@ next's by arithmetic; what no cell uses is dropped and the rest numbered anew.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from porous.models.closure import OWN
 from porous.values.value import Value, adopted, frozen
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     Ids = NDArray[np.signedinteger[Any]]
 
 INTERIOR = -1
-"""Origin of what lies on no boundary of a level-0 cell."""
+"""Origin of what lies on no outer boundary of the level-0 cells."""
 
 REMEDY = "Choose a lower level."
 
@@ -80,8 +81,14 @@ class Complex(Value):
     cells
         By state, in the order of ``brep.reached``.
     origin
-        For each state, for each entity: the boundary of the level-0 cell that it descends from,
-        or ``INTERIOR``.
+        For each state, for each entity: the outer boundary of the level-0 cells that it descends
+        from, or ``INTERIOR``. Of one cell all boundaries are outer, and numbered as it does.
+    starts
+        The states of the level-0 cells, in the order of their places.
+    faces
+        What outer faces are called, by their numbers.
+    closures
+        For each outer face all the outer boundaries that lie in it.
     """
 
     brep: BRep
@@ -89,6 +96,13 @@ class Complex(Value):
     states: tuple[int, ...]
     cells: tuple[CellEntities, ...]
     origin: tuple[NDArray[np.int32], ...]
+    starts: tuple[int, ...] = ()
+    faces: Mapping[int, str] = field(default_factory=dict)
+    closures: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("faces", "closures"):
+            self._set(name, MappingProxyType(dict(getattr(self, name))))
 
     def count(self, dimension: int) -> int:
         """Return the number of vertices, edges, faces or volumes: dimension 0, 1, 2 or 3."""
@@ -213,7 +227,17 @@ def _single(closure: Closure) -> Complex:
         origin[s].append(k if k < len(slots) - 1 else INTERIOR)
     row = np.array([ids], np.int32)
     cells = CellEntities(brep.start, row, np.zeros_like(row, np.int16), np.zeros(1, np.int64))
-    return Complex(brep, 0, tuple(states), (cells,), tuple(np.array(o, np.int32) for o in origin))
+    faces = brep.of_dimension(brep.start, 2)
+    return Complex(
+        brep,
+        0,
+        tuple(states),
+        (cells,),
+        tuple(np.array(o, np.int32) for o in origin),
+        (brep.start,),
+        {k: brep.states[brep.start].boundaries[k].name for k in faces},
+        {k: (k, *(use.boundary for use in brep.sub[brep.start][k])) for k in faces},
+    )
 
 
 def cell_counts(closure: Closure, level: int, start: Sequence[int]) -> list[int]:
@@ -273,7 +297,7 @@ def _refined(closure: Closure, coarse: Complex) -> Complex:
     )
     counts = tuple(int(mark.sum()) for mark in marks)
     origin = tuple(o[m] for o, m in zip(_origins(closure, coarse), marks, strict=True))
-    return Complex(coarse.brep, coarse.level + 1, counts, cells, origin)
+    return replace(coarse, level=coarse.level + 1, states=counts, cells=cells, origin=origin)
 
 
 def _numbering(closure: Closure, coarse: Complex) -> _Numbering:
