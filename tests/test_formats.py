@@ -673,6 +673,31 @@ def test_we_read_what_vtk_makes_of_our_volume_mesh(folder, variant):
         assert formats.read(folder / "theirs.vtu") == two_cells()
 
 
+@pytest.mark.parametrize("variant", list(vtk_variants()))
+def test_hexahedra_of_every_kind_among_lines_and_faces(folder, variant):
+    import pyvista
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    corners = np.array([*np.ndindex(2, 2, 2)], dtype=float)[:, ::-1] * (2, 3, 4)  # VTK's voxel
+    cube = [0, 1, 3, 2, 4, 5, 7, 6]
+    extra = np.random.default_rng(3).uniform(1, 2, (19, 3))
+    points = np.concatenate([corners, extra])
+    more = list(range(8, 27))
+    cells = {11: range(8), 9: cube[:4], 12: cube, 25: cube + more[:12], 3: [0, 1]}
+    cells |= {33: cube + more[:16], 29: cube + more, 22: more[:6], 7: more[:5], 1: [8]}
+    flat = np.concatenate([[len(nodes), *nodes] for nodes in cells.values()])
+    grid = pyvista.UnstructuredGrid(flat, list(cells), points)
+    grid.cell_data["kind"] = np.array(list(cells))
+    vtk_write(vtkXMLUnstructuredGridWriter(), grid, folder / "theirs.vtu", variant)
+    with pytest.warns(FormatWarning, match="3 hexahedra of more than 8 nodes are read by their"):
+        mesh = formats.read(folder / "theirs.vtu")
+    assert [block.shape for block in mesh.blocks] == ["hex8"]
+    assert mesh.blocks[0].cells.tolist() == [cube] * 5
+    assert mesh.volumes.tolist() == [24.0] * 5
+    assert mesh.cell_tags["kind"].tolist() == [11, 12, 25, 33, 29]
+    assert mesh.points == pytest.approx(points, rel=1e-9)
+
+
 def test_vtk_sees_our_volume_mesh(folder):
     import pyvista
 
@@ -761,8 +786,12 @@ def test_vtu_of_others_is_sorted_by_shape_with_its_tags(folder):
 def test_vtu_of_shapes_that_are_not_ours(folder):
     import pyvista
 
+    prism = np.concatenate([np.eye(3), np.eye(3) + 2.0])
     pyvista.UnstructuredGrid(np.array([3, 0, 1, 2]), [5], np.eye(3)).save(folder / "theirs.vtu")
-    with pytest.raises(FormatError, match=r"cell types: got '5'; wanted only 10 \(tet4\), 12"):
+    with pytest.raises(FormatError, match=r"cell types: got '5'; wanted hexahedra \(12\) or tetra"):
+        formats.read(folder / "theirs.vtu")
+    pyvista.UnstructuredGrid(np.array([6, *range(6)]), [13], prism).save(folder / "theirs.vtu")
+    with pytest.raises(FormatError, match=r"cell types: got '13 wedge'; wanted hexahedra"):
         formats.read(folder / "theirs.vtu")
 
 

@@ -531,7 +531,7 @@ VTU = {
     "node negative": (vtu(nodes="0 1 2 -1"), "indices run from -1"),
     "offsets that leap": (vtu(offsets=10**15), "offsets do not rise"),
     "offsets that fall": (vtu(offsets=-4), "offsets do not rise"),
-    "types unknown": (vtu(types=42), "cell types: got '42'; wanted only 10 .tet4."),
+    "types unknown": (vtu(types=42), "cell types: got '42 polyhedron'; wanted hexahedra .12."),
     "too few nodes": (vtu(nodes="0 1 2"), "connectivity: got '3 numbers'; wanted 4"),
     "no offsets": (vtu().replace(b'"offsets"', b'"upsets"'), "wanted offsets"),
     "points of two": (vtu().replace(b'Components="3"', b'Components="2"', 1), "one array of three"),

@@ -3,7 +3,8 @@
 Tags are Int64 cell arrays. Parts are field data: ``nodes:XMIN`` holds the numbers of points,
 ``cells:SOLID`` those of cells, ``faces:XMIN_FACES`` pairs of cell and local face. The blocks (their
 shapes and how many cells each has) are field data too, so what is written reads back equal. In
-files of others the cells are sorted by shape, and whole-numbered cell arrays become tags.
+files of others the cells are sorted by shape, and whole-numbered cell arrays become tags; points,
+lines and faces are passed over, and hexahedra of 20, 24 and 27 nodes are read by their corners.
 """
 
 from __future__ import annotations
@@ -30,6 +31,26 @@ if TYPE_CHECKING:
 
 KIND = "UnstructuredGrid"
 SHAPE_OF = {shape.vtk: name for name, shape in SHAPES.items()}
+VOXEL = 11
+VOXEL_CORNERS = np.array([0, 1, 3, 2, 4, 5, 7, 6])
+HEXAHEDRA = {VOXEL: 8, 25: 20, 29: 27, 33: 24}
+"""Hexahedra that are read by their corners: how many nodes each has, the corners first."""
+NODES = {kind: SHAPES[name].nodes for kind, name in SHAPE_OF.items()} | HEXAHEDRA
+FLAT = (*range(10), 21, 22, 23, 28, 30, 34, 35, 36, 68, 69, 70, 75, 76, 77)
+"""Points, lines and faces, straight and curved."""
+OTHERS = {
+    13: "wedge",
+    14: "pyramid",
+    15: "pentagonal prism",
+    16: "hexagonal prism",
+    26: "wedge of 15 nodes",
+    27: "pyramid of 13 nodes",
+    32: "wedge of 18 nodes",
+    42: "polyhedron",
+    71: "Lagrange tetrahedron",
+    72: "Lagrange hexahedron",
+}
+"""Names for the commonest of what is refused."""
 
 
 def read(source: Source) -> VolumeMesh:
@@ -40,11 +61,13 @@ def read(source: Source) -> VolumeMesh:
     count = integer(piece.get("NumberOfCells"), "NumberOfCells")
     types, starts, nodes = _cells(document, named(child(piece, "Cells")), count)
     runs = _runs(document, fields, types)
-    order = np.concatenate([cells for _, cells in runs]) if runs else np.arange(0)
+    order = np.concatenate([np.arange(0), *(cells for _, cells in runs)])
+    if bent := int(np.isin(types, [kind for kind in HEXAHEDRA if kind != VOXEL]).sum()):
+        source.note(f"{bent} hexahedra of more than 8 nodes are read by their corners")
     return VolumeMesh(
         _points(document, piece),
-        tuple(_block(shape, nodes, starts[cells]) for shape, cells in runs),
-        _tags(document, named(piece.find("CellData")), order),
+        tuple(_block(shape, nodes, starts[cells], types[cells]) for shape, cells in runs),
+        _tags(document, named(piece.find("CellData")), count, order),
         _parts(document, fields),
         unit_of(document, fields),
     )
@@ -91,35 +114,44 @@ def _points(document: Document, piece: Element) -> NDArray[np.float64]:
 
 def _cells(
     document: Document, arrays: dict[str, Element], count: int
-) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return each cell's type and where its nodes begin in the list of all nodes, the third."""
     if missing := [n for n in ("connectivity", "offsets", "types") if n not in arrays]:
         refuse("Cells", ", ".join(arrays), ", ".join(missing))
-    types = document.array(arrays["types"], count, "types")
-    ends = document.array(arrays["offsets"], count, "offsets").astype(np.int64)
-    if unknown := sorted(set(np.unique(types).tolist()) - set(SHAPE_OF)):
-        known = ", ".join(f"{number} ({name})" for number, name in SHAPE_OF.items())
-        refuse("cell types", ", ".join(map(str, unknown)), f"only {known}")
-    widths = np.zeros(256, dtype=np.int64)
-    for number, name in SHAPE_OF.items():
-        widths[number] = SHAPES[name].nodes
-    if not np.array_equal(ends, np.cumsum(widths[types])):
+    types = _integers(document, arrays["types"], count, "types")
+    ends = _integers(document, arrays["offsets"], count, "offsets")
+    _check_types(types)
+    widths = np.diff(ends, prepend=0)
+    wanted = np.full(256, -1)
+    wanted[list(NODES)] = list(NODES.values())
+    right = np.where(wanted[types] < 0, widths >= 0, widths == wanted[types])
+    if count and (ends.min() < 0 or not right.all()):
         raise FormatError("offsets do not rise by the number of nodes that each cell's type has")
     total = int(ends[-1]) if count else 0
-    nodes = document.array(arrays["connectivity"], total, "connectivity").astype(np.int64)
-    return types, ends - widths[types], nodes
+    return types, ends - widths, _integers(document, arrays["connectivity"], total, "connectivity")
+
+
+def _check_types(types: NDArray[np.int64]) -> None:
+    kinds = set(np.unique(types).tolist())
+    unknown = sorted(kinds - set(NODES) - set(FLAT))
+    if unknown or (kinds and kinds <= set(FLAT)):
+        named_kinds = (
+            f"{kind} {OTHERS.get(kind, '')}".rstrip() for kind in unknown or sorted(kinds)
+        )
+        refuse("cell types", ", ".join(named_kinds), "hexahedra (12) or tetrahedra (10, 24)")
 
 
 def _runs(
-    document: Document, fields: dict[str, Element], types: NDArray[np.uint8]
+    document: Document, fields: dict[str, Element], types: NDArray[np.int64]
 ) -> list[tuple[str, NDArray[np.int64]]]:
     """Return for each block its shape and the numbers of its cells in the file."""
     if "blocks" not in fields:
-        kinds = np.unique(types).tolist()
-        return [(SHAPE_OF[kind], np.flatnonzero(types == kind)) for kind in kinds]
+        merged = np.where(np.isin(types, list(HEXAHEDRA)), SHAPES["hex8"].vtk, types)
+        kinds = [kind for kind in np.unique(merged).tolist() if kind in SHAPE_OF]
+        return [(SHAPE_OF[kind], np.flatnonzero(merged == kind)) for kind in kinds]
     element = fields["blocks"]
     count = integer(element.get("NumberOfTuples"), "NumberOfTuples of blocks")
-    rows = document.array(element, 2 * count, "blocks").astype(np.int64).reshape(-1, 2)
+    rows = _integers(document, element, 2 * count, "blocks").reshape(-1, 2)
     kinds, lengths = rows[:, 0].tolist(), rows[:, 1].tolist()
     right = set(kinds) <= set(SHAPE_OF) and min(lengths, default=0) >= 0
     if not right or sum(lengths) != len(types) or (np.repeat(kinds, lengths) != types).any():
@@ -129,22 +161,30 @@ def _runs(
     return [(SHAPE_OF[kind], np.arange(a, b)) for kind, a, b in spans]
 
 
-def _block(shape: str, nodes: NDArray[np.int64], starts: NDArray[np.int64]) -> Block:
-    return Block(shape, nodes[starts[:, None] + np.arange(SHAPES[shape].nodes)])
+def _block(
+    shape: str, nodes: NDArray[np.int64], starts: NDArray[np.int64], types: NDArray[np.int64]
+) -> Block:
+    cells = nodes[starts[:, None] + np.arange(SHAPES[shape].nodes)]
+    if (voxels := types == VOXEL).any():
+        cells[voxels] = cells[voxels][:, VOXEL_CORNERS]
+    return Block(shape, cells)
 
 
 def _tags(
-    document: Document, arrays: dict[str, Element], order: NDArray[np.int64]
+    document: Document, arrays: dict[str, Element], count: int, order: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
     tags = {}
     for name, element in arrays.items():
         whole = (element.get("type") or "").removeprefix("U").startswith("Int")
         if whole and element.get("NumberOfComponents", "1") == "1":
-            tags[name] = _signed(document.array(element, len(order), name), name)[order]
+            tags[name] = _integers(document, element, count, name)[order]
     return tags
 
 
-def _signed(values: NDArray[np.int64], what: str) -> NDArray[np.int64]:
+def _integers(document: Document, element: Element, count: int, what: str) -> NDArray[np.int64]:
+    values = document.array(element, count, what)
+    if values.dtype.kind == "f":
+        refuse(what, element.get("type"), "whole numbers")
     if values.dtype == np.uint64 and values.size and values.max() > np.iinfo(np.int64).max:
         refuse(what, int(values.max()), "at most 2^63 - 1")
     return values.astype(np.int64)

@@ -3,6 +3,7 @@
 from porous.values.box import Box
 from porous.values.frame import Frame
 from porous.values.grid import VoxelGrid
+from porous.values.hex_mesh import HexMesh
 from porous.values.job import Compression, Job, Material
 from porous.values.measure import Measure, Measures
 from porous.values.pattern import CENTRE, FILL, Pattern
@@ -18,6 +19,7 @@ __all__ = [
     "Box",
     "Compression",
     "Frame",
+    "HexMesh",
     "Job",
     "Material",
     "Measure",
