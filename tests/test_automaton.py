@@ -17,7 +17,6 @@ from porous.models.automaton import (
     cells,
     checked_map,
     count_cells,
-    cut_set,
     expand,
     frames,
     of_maps,
@@ -151,47 +150,11 @@ def test_projective_points_of_many_controls_stay_affine():
         np.testing.assert_allclose(np.einsum("ij,kjm->kim", Q, a) + 1.5, b, atol=1e-10)
 
 
-def sizes(group):
-    return np.linalg.norm(group.points[:, :, 1] - group.points[:, :, 0], axis=1)
-
-
-def test_a_cut_set_ends_where_cells_first_are_small():
-    automaton = of_maps([(np.eye(3) * r, np.zeros(3)) for r in (0.5, 0.25, 0.7)])
-    (group,) = cut_set(automaton, 0.2, sizes)
-    found = sorted(sizes(group))
-
-    def descend(size):
-        return [size] if size < 0.2 else [s for r in (0.5, 0.25, 0.7) for s in descend(size * r)]
-
-    np.testing.assert_allclose(found, sorted(descend(1.0)), rtol=1e-12)
-    assert sorted(group.place) == list(range(len(found)))
-
-
-def test_a_cut_set_of_equal_ratios_is_a_level():
-    automaton = of_maps(named("menger").maps)
-    (cut,) = cut_set(automaton, 0.2, sizes)
-    (level,) = cells(automaton, 2)
-    assert (cut.points == level.points).all()
-    # A cell that is as large as asked is refined in spite of rounding.
-    assert len(cut_set(automaton, 1 / 9, sizes)[0].place) == 8000
-
-
-def test_a_cut_set_of_what_does_not_shrink_ends():
-    automaton = of_maps([(np.eye(3), np.ones(3))])
-    with pytest.raises(ModelError, match=r"not smaller than 0\.5 after"):
-        cut_set(automaton, 0.5, sizes)
-    for size in (0.0, -1.0, float("nan")):
-        with pytest.raises(ModelError, match="positive"):
-            cut_set(automaton, size, sizes)
-
-
 def test_too_many_cells_are_refused_before_they_are_made(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 10**8)
     automaton = of_maps(named("menger").maps)
     with pytest.raises(MemoryLimitError, match=rf"level 40 \({20**40} cells\) would need"):
         expand(automaton, 40)
-    with pytest.raises(MemoryLimitError, match="cells smaller than 1e-08"):
-        cut_set(automaton, 1e-8, sizes)
     with pytest.raises(MemoryLimitError):
         words(automaton, 30)
 

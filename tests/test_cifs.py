@@ -24,7 +24,8 @@ from porous.models.automaton import (
     of_maps,
     words,
 )
-from porous.models.cifs import CIFS, born, cifs
+from porous.models.cifs import CIFS, cifs
+from porous.models.distinct import distinct_cells
 from porous.models.drawing import Body, cell, image, nothing, sticks
 from porous.models.ifs import ifs
 from porous.models.mixtures import weights_of
@@ -188,7 +189,7 @@ def tree(divisions, height=0.45):
 def test_terminal_cells_are_drawn_once_and_remember_their_level(divisions):
     automaton, fan = tree(divisions), divisions**2
     for level in range(4):
-        groups, births = born(automaton, level)
+        groups, births = distinct_cells(automaton, level)
         trunks = [births[g.place] for g in groups if g.state == 1]
         amounts = np.bincount(trunks[0]) if trunks else np.zeros(1, int)
         # Σ N²ᵏ = (N²ⁿ − 1) / (N² − 1) beams: bcifs trees have one per node and level.
@@ -714,9 +715,10 @@ def test_branching_struts_stand_on_their_base_and_carry_their_plate():
     assert components(grid).value == 1
     assert grid.solid[:, :, 1].any()
     assert grid.solid[:, :, -2].any()
-    # Layers of a level: one of each power of four; each leaves sixteen struts.
+    # Layers of a level: one of each power of four; each leaves sixteen struts, of which neighbours
+    # share those that stand on their border.
     amounts = {made.automaton.states[g.state].name: len(g.place) for g in made.cells}
-    assert amounts == {"base": 1, "layer": 16, "strut": 16 * (1 + 4)}
+    assert amounts == {"base": 1, "layer": 16, "strut": 16 + 7**2}
 
 
 def test_systems_of_other_controls_have_measures_but_no_ratios():

@@ -14,10 +14,11 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.memory import check_memory
+from porous.models.rational import ROWS, is_rational
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -37,16 +38,20 @@ COINCIDENT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class State(Value):
-    """A kind of cell: its name and its reference control points, float64 (3, m)."""
+    """A kind of cell: its name and its reference control points, float64 (3, m).
+
+    With weights (4, m), homogeneous: see ``models.rational``.
+    """
 
     name: str
     controls: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         self._set("controls", frozen(numbers(self.controls, f"state {self.name!r}"), np.float64))
-        if self.controls.ndim != 2 or self.controls.shape[0] != 3 or not self.controls.shape[1]:
+        if self.controls.ndim != 2 or len(self.controls) not in ROWS or not self.controls.size:
             raise ModelError(
-                f"state {self.name!r}: got controls of shape {self.controls.shape}; wanted (3, m)"
+                f"state {self.name!r}: got controls of shape {self.controls.shape}; wanted (3, m), "
+                "or (4, m) with weights"
             )
 
     @property
@@ -57,7 +62,7 @@ class State(Value):
     @cached_property
     def inverse(self) -> NDArray[np.float64] | None:
         """Weights of a point's homogeneous coordinates (4, 4), or None where none are unique."""
-        if self.size != 4:
+        if self.size != 4 or is_rational(self.controls):
             return None
         lifted = np.vstack([self.controls, np.ones(4)])
         size = max(float(np.ptp(self.controls, axis=1).max()), 1e-300)
@@ -96,6 +101,8 @@ class Automaton(Value):
         In the order of the letters: a word is the sequence of indices among those of its state.
     start
         Index of the state of the level-0 cell, which lies where its reference controls lie.
+    roots
+        The level-0 cells, where there are several: by state, each state once.
 
     Raises
     ------
@@ -107,10 +114,12 @@ class Automaton(Value):
     states: tuple[State, ...]
     transitions: tuple[Transition, ...]
     start: int = 0
+    roots: tuple[Cells, ...] = ()
 
     def __post_init__(self) -> None:
         self._set("states", tuple(self.states))
         self._set("transitions", tuple(self.transitions))
+        self._set("roots", tuple(_frozen_cells(group) for group in self.roots))
         if not self.states or not self.transitions:
             raise ModelError("automaton: wanted at least one state and one transition")
         if not 0 <= self.start < len(self.states):
@@ -141,7 +150,9 @@ class Automaton(Value):
             )
 
     def _check_reached(self) -> None:
-        missing = set(range(len(self.states))) - reachable(self, self.start)
+        starts = {self.start, *(group.state for group in self.roots)}
+        found = set().union(*(reachable(self, start) for start in starts))
+        missing = set(range(len(self.states))) - found
         if missing:
             state = min(missing)
             raise ModelError(
@@ -155,6 +166,12 @@ class Automaton(Value):
             tuple(t for t in self.transitions if t.source == state)
             for state in range(len(self.states))
         )
+
+    @property
+    def level_zero(self) -> tuple[Cells, ...]:
+        """The level-0 cells, by state."""
+        start = self.states[self.start].controls[None]
+        return self.roots or (Cells(self.start, start, np.zeros(1, np.int64)),)
 
     @property
     def spatial(self) -> bool:
@@ -181,14 +198,15 @@ class Automaton(Value):
     def scaled(self, factor: float) -> Automaton:
         """Return the same automaton with its controls ``factor`` times as far from the origin."""
         states = tuple(State(state.name, state.controls * factor) for state in self.states)
-        return Automaton(states, self.transitions, self.start)
+        roots = tuple(group._replace(points=group.points * factor) for group in self.roots)
+        return Automaton(states, self.transitions, self.start, roots)
 
     def _content(self) -> tuple[object, ...]:
-        return self.states, self.transitions, self.start
+        return self.states, self.transitions, self.start, self.roots
 
 
 class Cells(NamedTuple):
-    """Cells of one state: their controls (k, 3, m) and their places among all cells (k,)."""
+    """Cells of one state: their controls (k, 3 or 4, m) and places among all cells (k,)."""
 
     state: int
     points: NDArray[np.float64]
@@ -268,9 +286,11 @@ def product(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray
     return np.asarray(result)
 
 
-def count_cells(automaton: Automaton, level: int) -> int:
-    """Return the exact number of level-``level`` cells."""
-    counts = [int(state == automaton.start) for state in range(len(automaton.states))]
+def count_cells(automaton: Automaton, level: int, above: Sequence[Cells] | None = None) -> int:
+    """Return the exact number of words of cells ``level`` levels below the start or ``above``."""
+    counts = [0] * len(automaton.states)
+    for group in above or automaton.level_zero:
+        counts[group.state] = len(group.place)
     for _ in range(level):
         counts = _counts_below(automaton, counts)
     return sum(counts)
@@ -289,14 +309,14 @@ def cells(automaton: Automaton, level: int) -> tuple[Cells, ...]:
     if level < 0:
         raise ModelError(f"level: got {level}; wanted 0 or more")
     check_cells(automaton, count_cells(automaton, level), f"level {level}")
-    groups: tuple[Cells, ...] = (_start(automaton),)
+    groups = automaton.level_zero
     for _ in range(level):
         groups = refined(automaton, groups)
     return groups
 
 
 def expand(automaton: Automaton, level: int) -> tuple[tuple[int, NDArray[np.float64]], ...]:
-    """Return the control points (k, 3, m) of the level-``level`` cells, grouped by state.
+    """Return the control points (k, 3 or 4, m) of the level-``level`` cells, by state.
 
     Raises as ``cells`` does.
     """
@@ -325,46 +345,6 @@ def refined(
     return tuple(_merged(state, born[state]) for state in sorted(born))
 
 
-def cut_set(
-    automaton: Automaton, size: float, measure: Callable[[Cells], NDArray[np.float64]]
-) -> tuple[Cells, ...]:
-    """Return the cells of the words that end where a cell first is smaller than ``size``.
-
-    Cells stop at different depths: a cut set is for rasterising, not for conforming meshes.
-
-    Parameters
-    ----------
-    size
-        Positive; a cell that is as large, give or take 1e-9 of it, is refined.
-    measure
-        Returns the size of each of a group's cells, (k,).
-
-    Raises
-    ------
-    ModelError
-        For a size that is not positive, or cells that do not shrink.
-    MemoryLimitError
-        Before a step that would need too much.
-    """
-    if not size > 0:
-        raise ModelError(f"level: got size = {size}; wanted a positive length")
-    groups: tuple[Cells, ...] = (_start(automaton),)
-    for _ in range(DEEPEST):
-        large = {
-            g.state: (measure(g) >= size * (1 - 1e-9)) & bool(automaton.children[g.state])
-            for g in groups
-        }
-        if not any(mask.any() for mask in large.values()):
-            return groups
-        amount = sum(
-            len(g.place) + int(large[g.state].sum()) * (len(automaton.children[g.state]) - 1)
-            for g in groups
-        )
-        check_cells(automaton, amount, f"cells smaller than {size:g}")
-        groups = refined(automaton, groups, large)
-    raise ModelError(f"level: cells are not smaller than {size:g} after {DEEPEST} steps")
-
-
 def frames(automaton: Automaton, groups: Sequence[Cells]) -> NDArray[np.float64]:
     """Return the affine map (k, 3, 4) of each cell, in the order of the places.
 
@@ -390,8 +370,10 @@ def words(automaton: Automaton, level: int) -> NDArray[np.int64]:
     A letter is the index of a transition among those of its state; −1 after a terminal state.
     """
     check_cells(automaton, count_cells(automaton, level) * (1 + level // 12), f"level {level}")
-    states = np.array([automaton.start])
-    result = np.empty((1, 0), np.int64)
+    states = np.empty(count_cells(automaton, 0), np.int64)
+    for group in automaton.level_zero:
+        states[group.place] = group.state
+    result = np.empty((len(states), 0), np.int64)
     fans = np.array([max(1, len(c)) for c in automaton.children])
     for _ in range(level):
         fan = fans[states]
@@ -417,10 +399,11 @@ def reachable(automaton: Automaton, state: int) -> set[int]:
 
 def check_cells(automaton: Automaton, amount: int, what: str) -> None:
     """Raise ``MemoryLimitError`` where ``amount`` cells are more than memory holds."""
+    rows = len(automaton.states[automaton.start].controls)
     controls = max(state.size for state in automaton.states)
     # Controls of children and parents, the frames made of them and a temporary of that size.
     check_memory(
-        amount * (3 * controls * 8 * 2 + 12 * 8 + 16),
+        amount * (rows * controls * 8 * 2 + 12 * 8 + 16),
         f"{what} ({amount} cells)",
         "Choose a lower level or a larger cell size.",
     )
@@ -439,9 +422,9 @@ def _weights(A: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
     return np.vstack([1 - images.sum(axis=0), images])
 
 
-def _start(automaton: Automaton) -> Cells:
-    points = automaton.states[automaton.start].controls[None].copy()
-    return Cells(automaton.start, points, np.zeros(1, np.int64))
+def _frozen_cells(group: Cells) -> Cells:
+    points, place = frozen(group.points, np.float64), frozen(group.place, np.int64)
+    return Cells(group.state, points, place)
 
 
 def _offspring(
@@ -455,7 +438,8 @@ def _offspring(
     result = [kept] if len(kept.place) else []
     for target in sorted({t.target for t in children}):
         letters = [i for i, t in enumerate(children) if t.target == target]
-        points = np.empty((len(place), len(letters), 3, automaton.states[target].size))
+        shape = group.points.shape[1], automaton.states[target].size
+        points = np.empty((len(place), len(letters), *shape))
         for j, letter in enumerate(letters):
             points[:, j] = product(group.points[mask], children[letter].matrix)
         places = (place[:, None] + np.array(letters)).reshape(-1)

@@ -23,15 +23,13 @@ from porous.models.automaton import (
     Cells,
     State,
     Transition,
-    cells,
-    check_cells,
     count_cells,
     numbers,
     product,
-    refined,
 )
 from porous.models.cifs_section import CIFSSection, index_of, system
 from porous.models.contraction import check_contracts
+from porous.models.distinct import distinct_cells
 from porous.models.drawing import Body, Drawing, body, drawn_as
 from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import MOST_CELLS
@@ -117,13 +115,13 @@ class CIFS(Value):
 
     @cached_property
     def born(self) -> tuple[tuple[Cells, ...], Indices]:
-        """The cells of the level by state, and by place the level at which each was born.
+        """The cells of the level that differ, by state, and by place the level each was born at.
 
         Raises ``ModelError`` for ``"limit"``, ``MemoryLimitError`` where there are too many.
         """
         if self.level == "limit":
             raise ModelError('level: "limit" has no cells; wanted a number')
-        return born(self.automaton, self.level)
+        return distinct_cells(self.automaton, self.level)
 
     @property
     def cells(self) -> tuple[Cells, ...]:
@@ -294,28 +292,8 @@ class CIFS(Value):
         return self.smallest_feature() or None
 
     def _thinnest(self, level: int) -> float:
-        groups, births = self.born if level == self.level else born(self.automaton, level)
+        groups, births = self.born if level == self.level else distinct_cells(self.automaton, level)
         return min(self.drawings[g.state].thinnest(g.points, births[g.place]) for g in groups)
-
-
-def born(automaton: Automaton, level: int) -> tuple[tuple[Cells, ...], Indices]:
-    """Return the cells of a level by state, and the level at which each was born, by place.
-
-    A cell of a terminal state is born once and carried through; all others are born at the level.
-
-    Raises as ``automaton.cells`` does.
-    """
-    check_cells(automaton, count_cells(automaton, level), f"level {level}")
-    groups, births = cells(automaton, 0), np.zeros(1, np.int64)
-    for depth in range(1, level + 1):
-        fan = np.ones(len(births), np.int64)
-        for group in groups:
-            children = len(automaton.children[group.state])
-            births[group.place] = depth if children else births[group.place]
-            fan[group.place] = max(1, children)
-        births = np.repeat(births, fan)
-        groups = refined(automaton, groups)
-    return groups, births
 
 
 def build(section: CIFSSection, folder: Path) -> CIFS:  # noqa: ARG001  (no state reads a file)

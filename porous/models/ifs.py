@@ -20,14 +20,13 @@ from porous.models.automaton import (
     DEEPEST,
     Automaton,
     Cells,
-    cells,
     checked_map,
-    cut_set,
     frames,
     of_maps,
 )
 from porous.models.contraction import check_contracts
 from porous.models.digits import DigitSet
+from porous.models.distinct import cut_set, distinct_cells
 from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import least_shrinkage, narrowest_run, thinnest
 from porous.models.primitive import Primitive
@@ -148,7 +147,7 @@ class IFS(Value):
 
     @cached_property
     def cells(self) -> tuple[Cells, ...]:
-        """The cells of the level, by state.
+        """The cells of the level that differ, by state; see ``models.distinct``.
 
         Raises ``ModelError`` for ``"limit"``, ``MemoryLimitError`` where there are too many.
         """
@@ -157,7 +156,7 @@ class IFS(Value):
         if isinstance(self.level, CutSet):
             return cut_set(self.automaton, self.level.size, self._sizes)
         assert isinstance(self.level, int)
-        return cells(self.automaton, self.level)
+        return distinct_cells(self.automaton, self.level)[0]
 
     def frames(self) -> NDArray[np.float64]:
         """Return the affine map of each cell from the primitive to the world, (k, 3, 4)."""
