@@ -14,7 +14,7 @@ from porous.models.bcifs import bcifs
 from porous.models.brep import BRep
 from porous.models.builders import Options, Texture, build_cell
 from porous.models.builders._curves import bezier, koch, rough, spline, uniform
-from porous.models.builders.spline import tensor
+from porous.models.builders._tensor import tensor
 from porous.models.cell_exact import exact_measures
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_nodes import placed_corners
@@ -38,6 +38,10 @@ CELLS = {
     "uneven cubic": lambda: tensor([spline((-3, -1, 0, 1, 1.5, 4))] * 2),
     "three curves": lambda: tensor([bezier(3), uniform(2), spline((-0.5, 0, 1, 2))]),
     "Koch wall": lambda: tensor([koch(), bezier(1, 4)]),
+    "Koch": lambda: build_cell(Options("tensor", curves=(koch(),))),
+    "kept Koch": lambda: build_cell(
+        Options("tensor", curves=(koch(), bezier(2, 4)), keep=("00", "13", "21"))
+    ),
 }
 each_cell = pytest.mark.parametrize("make", CELLS.values(), ids=CELLS)
 
@@ -327,7 +331,23 @@ def test_digits_that_are_not_the_cells_are_refused():
     ("make", "message"),
     [
         (lambda: build_cell(Options("spline-2", FULL, controls=8)), "controls: got 8 for a spl"),
-        (lambda: build_cell(Options("spline-2", keep=("000",))), "keep: a spline-2 cell takes non"),
+        (lambda: build_cell(Options("spline-2", keep=("002",))), "keep: got '002' for cell"),
+        (lambda: build_cell(Options("spline-2", FULL, keep=("000",))), "got both of digits and k"),
+        (
+            lambda: build_cell(Options("bicubic", curves=(koch(),))),
+            "curves: a bicubic cell has its",
+        ),
+        (lambda: build_cell(Options("tensor")), "curves: got none; wanted one to three"),
+        (
+            lambda: build_cell(
+                Options("tensor", MENGER, curves=(koch(), bezier(1, 3), bezier(2, 3)))
+            ),
+            r"digits\[0\]: got divisions = 3 for curves of 4 × 3 × 3 pieces",
+        ),
+        (
+            lambda: build_cell(Options("tensor", controls=8, curves=(koch(), bezier(1, 3)))),
+            "controls: got 8 for a tensor cell; wanted 3 × 2 = 6",
+        ),
         (lambda: build_cell(Options("bicubic", FULL)), "digits: a bicubic cell takes none; wan"),
         (lambda: build_cell(Options("bicubic", keep=("02",))), "keep: got '02' for cell"),
         (
@@ -335,7 +355,7 @@ def test_digits_that_are_not_the_cells_are_refused():
             "keep: got children of 'face'; wanted those of cell",
         ),
         (lambda: build_cell(Options("bicubic", texture=ROUGH)), "texture: a bicubic cell takes no"),
-        (lambda: tensor([bezier(2)]), "curves: got 1; wanted two, or three"),
+        (lambda: tensor([bezier(2)] * 4), "curves: got 4; wanted one to three"),
         (lambda: tensor([bezier(2)] * 2, []), "keep: got digits of 0 levels; wanted 1"),
         (lambda: tensor([bezier(2)] * 2, [np.array([[0, 2]])]), r"keep\[0\]: got digits \[\[0, 2"),
         (lambda: tensor([bezier(2)] * 2, [np.array([[0]])]), r"keep\[0\]: got digits \[\[0\]\]"),

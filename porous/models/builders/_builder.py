@@ -18,6 +18,7 @@ from porous.values.value import Value
 
 if TYPE_CHECKING:
     from porous.models.brep import BRep
+    from porous.models.builders._curves import Curve
 
     Names = tuple[str, ...]
     Textures = Texture | tuple[Texture, Texture, Texture]
@@ -44,6 +45,8 @@ class Options(Value):
         choice (``"beam"``), and is checked where there is none.
     start
         State of the level-0 cell, where there is a choice.
+    curves
+        The lines along one, two or three axes whose product a cell is.
 
     Raises
     ------
@@ -57,12 +60,14 @@ class Options(Value):
     keep: Mapping[str, Names] | Names | None = None
     controls: int | None = None
     start: str | None = None
+    curves: tuple[Curve, ...] = ()
 
     def __post_init__(self) -> None:
         digits = (self.digits,) if isinstance(self.digits, DigitSet) else tuple(self.digits)
         if not all(isinstance(d, DigitSet) for d in digits):
             raise ModelError(f"digits: got {digits!r:.100}; wanted sets of digits")
         self._set("digits", digits)
+        self._set("curves", tuple(self.curves))
         if self.texture is not None and not isinstance(self.texture, Texture):
             self._set("texture", _three(self.texture))
         if isinstance(self.keep, Mapping):
