@@ -16,7 +16,8 @@ from porous.models.cell_body import CellBody, thinnest
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_system import CellSystem, natural_box
 from porous.models.contraction import check_contracts
-from porous.models.sections import BoxSection, DigitsSection, Section, Triple
+from porous.models.rational import columns, homogeneous, positions, scaled
+from porous.models.sections import BoxSection, DigitsSection, Section
 from porous.models.solve import solve
 from porous.models.states import StateSection, build_states
 from porous.models.swept_body import Sweep, SweptBody
@@ -49,6 +50,7 @@ FUSED = 0.25
 """Radius of what fuses contacts where none is given, as a part of the thinnest cell."""
 
 Numbers = Annotated[tuple[float, ...], Field(strict=False, min_length=1)]
+Control = Annotated[tuple[float, ...], Field(strict=False, min_length=3, max_length=4)]
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Contacts = Literal["apart", "fuse", "shared"]
 Level = int | Literal["limit"]
@@ -120,8 +122,9 @@ class BCIFSSection(Section):
     moves: dict[str, Numbers] = Field(
         default_factory=dict, description="free points by name, and how far each is moved"
     )
-    controls: Annotated[tuple[Triple, ...], Field(strict=False, min_length=1)] | None = Field(
-        default=None, description="the control points [x, y, z] of the level-0 cell"
+    controls: Annotated[tuple[Control, ...], Field(strict=False, min_length=1)] | None = Field(
+        default=None,
+        description="the control points [x, y, z] of the level-0 cell, or [x, y, z, weight]",
     )
     size: float | None = Field(
         default=None,
@@ -185,7 +188,7 @@ def build(section: BCIFSSection, _: Path) -> CellSystem | CellAttractor:
     return bcifs(
         brep,
         level=level,
-        controls=None if section.controls is None else np.array(section.controls).T,
+        controls=None if section.controls is None else columns(section.controls),
         moves=section.moves,
         digits=section.digit_sets(),
         draw=None if isinstance(section.draw, str) else _sweep(section.draw, level),
@@ -220,8 +223,9 @@ def bcifs(
     level
         Zero or more, or ``"limit"`` for the attractor.
     controls
-        Control points of the level-0 cell, (3, m), in ``unit``; those of its reference cell where
-        not given. Eight corners serve a cell of 27 controls, whose others are put midway.
+        Control points of the level-0 cell, (3, m), in ``unit``, or (4, m) with weights as the
+        fourth row; those of its reference cell where not given. Eight corners serve a cell of 27
+        controls, whose others are put midway.
     moves
         Displacements of free points by the names of their sliders; see ``models.solve``.
     digits
@@ -255,14 +259,15 @@ def bcifs(
     given = _controls(start, controls)
     limit = level == "limit"
     _check_start(start, drawn=draw is not None or limit)
-    check_contracts(solution.automaton(given), _letters(brep))
-    natural = None if domain and not limit else natural_box(solution, given, BOX_TOLERANCE)
+    automaton = solution.automaton(given)
+    check_contracts(automaton, _letters(brep))
+    natural = None if domain and not limit else natural_box(solution, automaton, BOX_TOLERANCE)
     box = domain or natural
     assert box is not None
     scale = 1.0 if size is None else float(size) / max(box.lengths)
     system = CellSystem(
         solution,
-        given * scale,
+        scaled(given, scale),
         BULK_LEVEL if level == "limit" else level,
         (natural or box).scaled(scale),
         unit,
@@ -438,23 +443,24 @@ def _letters(brep: BRep) -> list[str]:
 
 def _controls(state: CellState, given: ArrayLike | None) -> Floats:
     """Return the level-0 cell's controls, or say which are missing or coincide."""
-    controls = state.controls if given is None else numbers(given, "controls")
+    controls = state.controls if given is None else homogeneous(numbers(given, "controls"))
     # Only a cell that ends in controls has its 8 corners among its 27.
     eight = state.size == 27 and any(b.matrix.shape[1] == 1 for b in state.boundaries)
-    if controls.shape == (3, 8) and eight:
+    if controls.shape[1] == 8 and eight:
         controls = _midway(controls)
-    if controls.shape != state.controls.shape:
+    if controls.shape[1] != state.size:
         raise ModelError(
             f"controls: got {controls.shape[-1]} points; wanted {state.size}, those of "
             f"{state.name}" + (", or its 8 corners" if eight else "")
         )
-    size = float(np.ptp(controls, axis=1).max())
-    if not SMALLEST < size < 1 / SMALLEST or np.abs(controls).max() > size / COINCIDENT:
+    places = positions(controls)
+    size, far = float(np.ptp(places, axis=1).max()), float(np.abs(places).max())
+    if not SMALLEST < size < 1 / SMALLEST or far > size / COINCIDENT:
         raise ModelError(
-            f"controls: extend over {size:g} and up to {np.abs(controls).max():g} from the "
+            f"controls: extend over {size:g} and up to {far:g} from the "
             f"origin; wanted an extent between {SMALLEST:g} and {1 / SMALLEST:g}, not far off"
         )
-    check_apart(controls, "controls")
+    check_apart(places, "controls")
     return controls
 
 

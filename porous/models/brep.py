@@ -168,6 +168,8 @@ class BRep(Value):
         Each with the boundaries of its boundaries among its own (nested consistency).
     start
         Index of the state of the level-0 cell.
+    more
+        The states of further level-0 cells, where these are not all of one.
 
     Raises
     ------
@@ -180,11 +182,14 @@ class BRep(Value):
 
     states: tuple[CellState, ...]
     start: int = 0
+    more: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         self._set("states", tuple(self.states))
-        if not 0 <= self.start < len(self.states):
-            raise ModelError(f"start: got state {self.start}; there are {len(self.states)}")
+        self._set("more", tuple(self.more))
+        for start in (self.start, *self.more):
+            if not 0 <= start < len(self.states):
+                raise ModelError(f"start: got state {start}; there are {len(self.states)}")
         for index, state in enumerate(self.states):
             self._check_state(state)
             self._check_constraints(index, state)
@@ -320,8 +325,8 @@ class BRep(Value):
 
     @cached_property
     def reached(self) -> tuple[int, ...]:
-        """The states of the cells that come of the start, the start first."""
-        found = [self.start]
+        """The states of the cells that come of the start, the start first, and of more starts."""
+        found = list(dict.fromkeys((self.start, *self.more)))
         for state in found:
             found += [
                 t

@@ -12,14 +12,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import MeshError
-from porous.models.automaton import expand, product
-from porous.models.cell_folds import corner_weights
+from porous.models.automaton import Cells, expand, product
+from porous.models.cell_folds import corner_weights, handedness
+from porous.models.rational import positions
 from porous.values import SurfaceMesh
 from porous.values.surface_topology import check_closed, joined
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from porous.models.automaton import Automaton
+    from porous.models.complex import Complex
     from porous.models.solve import Solution
 
     Floats = NDArray[np.float64]
@@ -31,38 +34,60 @@ LOOPS = {"triangle": (0, 1, 2), "quad": (0, 1, 3, 2)}
 """Corners of a face in the order of its rim."""
 
 
-def bulk_surface(solution: Solution, controls: Floats, level: int, unit: str) -> SurfaceMesh:
-    """Return the level-0 cell's boundary at a level, quads fanned about their means.
+def bulk_surface(
+    solution: Solution, automaton: Automaton, start: Complex, level: int, unit: str
+) -> SurfaceMesh:
+    """Return the outer boundary of the level-0 cells at a level, quads fanned about their means.
 
     Where a state's faces do not cover themselves (a cell of one's own whose faces have holes), it
-    is the boundary of the level-0 cell.
+    is the boundary of the level-0 cells.
+
+    Parameters
+    ----------
+    solution
+        The matrices.
+    automaton
+        The placed level-0 cells.
+    start
+        The complex of these.
+    level
+        Zero or more.
+    unit
+        Unit of the coordinates.
     """
-    surface = _surface(solution, controls, level, unit)
+    surface = _surface(solution, automaton, start, level, unit)
     try:
         check_closed(surface)
     except MeshError:
-        return _surface(solution, controls, 0, unit)
+        return _surface(solution, automaton, start, 0, unit)
     return surface
 
 
-def _surface(solution: Solution, controls: Floats, level: int, unit: str) -> SurfaceMesh:
-    """Return the triangles of the faces; those of a mirrored cell are turned round."""
+def _surface(
+    solution: Solution, automaton: Automaton, start: Complex, level: int, unit: str
+) -> SurfaceMesh:
+    """Return the triangles of the outer faces; those of mirrored cells are turned round."""
     brep = solution.brep
-    state = brep.states[brep.start]
+    weights = {q: corner_weights(solution, q) for q in brep.reached}
+    hand = handedness(solution, automaton, weights, 0)
     soups = []
-    for face in brep.of_dimension(brep.start, 2):
-        boundary = state.boundaries[face]
-        soup = _triangles(solution, boundary.state, product(controls, boundary.matrix), level)
-        # Seen from the reference cell's middle, its faces look outwards.
-        plan = _triangles(solution, boundary.state, product(state.controls, boundary.matrix), 0)
+    for group, placed in zip(start.cells, automaton.level_zero, strict=True):
+        state = brep.states[group.state]
         middle = state.controls.mean(axis=1)
-        if np.einsum("ti,ti->", _areas(plan), plan.mean(axis=1) - middle) < 0:
-            soup = soup[:, ::-1]
-        soups.append(soup)
-    surface = _welded(np.concatenate(soups), unit)
-    if surface.volume < 0:
-        return replace(surface, triangles=surface.triangles[:, ::-1])
-    return surface
+        for face in brep.of_dimension(group.state, 2):
+            boundary = state.boundaries[face]
+            # Seen from the reference cell's middle, its faces look outwards.
+            plan = product(state.controls, boundary.matrix)[None]
+            seen = _triangles(solution, boundary.state, plan, 0)
+            way = np.einsum("ti,ti->", _areas(seen), seen.mean(axis=1) - middle)
+            outer = start.origin[boundary.state][group.ids[:, face]] >= 0
+            for own in (outer & (hand[placed.place] > 0), outer & (hand[placed.place] < 0)):
+                if own.any():
+                    points = product(placed.points[own], boundary.matrix)
+                    soup = _triangles(solution, boundary.state, points, level)
+                    turned = way * hand[placed.place[own][0]] < 0
+                    soups.append(soup[:, ::-1] if turned else soup)
+    return _welded(np.concatenate(soups), unit)
 
 
 def _areas(triangles: Floats) -> Floats:
@@ -71,16 +96,17 @@ def _areas(triangles: Floats) -> Floats:
 
 
 def _triangles(solution: Solution, state: int, controls: Floats, level: int) -> Floats:
-    """Return the triangles (t, 3, 3) of a face's level-``level`` cells."""
-    here = replace(solution, brep=replace(solution.brep, start=state))
+    """Return the triangles (t, 3, 3) of the level-``level`` cells of faces (k, 3 or 4, m)."""
+    here = replace(solution, brep=replace(solution.brep, start=state, more=()))
     states = here.brep.reached
-    groups: tuple[tuple[int, Floats], ...] = ((0, controls[None]),)
+    groups: tuple[tuple[int, Floats], ...] = ((0, controls),)
     if level and here.brep.states[state].children:
-        groups = expand(here.automaton(controls), level)
+        roots = (Cells(0, controls, np.arange(len(controls))),)
+        groups = expand(here.automaton(roots=roots), level)
     soups = []
     for place, points in groups:
         q = states[place]
-        corners = np.swapaxes(product(points, corner_weights(here, q)), 1, 2)
+        corners = np.swapaxes(positions(product(points, corner_weights(here, q))), 1, 2)
         soups.append(fanned(corners[:, LOOPS[here.brep.states[q].shape]]))
     return np.concatenate(soups)
 

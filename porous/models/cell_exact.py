@@ -16,6 +16,7 @@ from porous.models.cell_body import SPLITS
 from porous.models.cell_folds import corner_weights
 from porous.models.hexa_volume import block_volume
 from porous.models.oracle import Prefractal
+from porous.models.rational import is_rational
 from porous.models.simplices import volumes
 from porous.values import Measure
 from porous.values.surface_topology import joined
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.models.automaton import Automaton
     from porous.models.cell_body import CellBody
     from porous.models.solve import Solution
 
@@ -37,9 +39,9 @@ def exact_measures(body: CellBody) -> tuple[Measure, ...]:
     """Return volume, porosity, area and topology of a body of cells, as far as they are known.
 
     Volumes of cells that are affine images of their state's reference cell, and of blocks with
-    eight controls however bent; areas of straight cubes; the closed union's Euler number and pieces
-    (``_26``) of every system, those of 6-connected solids of digit sets and of cells that are
-    joined by faces. Nothing is known of bodies with folded cells.
+    eight controls without weights, however bent; areas of straight cubes; the closed union's Euler
+    number and pieces (``_26``) of every system, those of 6-connected solids of digit sets and of
+    cells that are joined by faces. Nothing is known of bodies with folded cells.
     """
     if _is_folded(body):
         return ()
@@ -48,7 +50,7 @@ def exact_measures(body: CellBody) -> tuple[Measure, ...]:
 
 def _is_folded(body: CellBody) -> bool:
     """Tell whether some cell is folded; affine images of cells that are not never are."""
-    if affine_volume(body.solution, body.controls, body.level) is not None:
+    if affine_volume(body.solution, body.automaton, body.level) is not None:
         return False
     try:
         _ = body.nodes.unfolded
@@ -62,9 +64,10 @@ def _row(name: str, value: float, unit: str = "1") -> Measure:
 
 
 def _volumes(body: CellBody) -> Iterator[Measure]:
-    volume = affine_volume(body.solution, body.controls, body.level)
+    volume = affine_volume(body.solution, body.automaton, body.level)
     if volume is None and _is_block(body):
-        volume = block_volume(body.controls, body.digits_by_level)
+        cells = (points for group in body.automaton.level_zero for points in group.points)
+        volume = sum(block_volume(points, body.digits_by_level) for points in cells)
     if volume is None:
         return
     density = volume / body.bulk_volume
@@ -87,13 +90,14 @@ def _areas(body: CellBody) -> Iterator[Measure]:
 
 
 def _is_block(body: CellBody) -> bool:
-    """Tell whether the cells are the images of a cube's sub-cubes under a trilinear map."""
+    """Tell whether the cells are the images of a cube's sub-cubes under trilinear maps."""
     regular = volume_ratios(body.solution) is not None
-    return regular and bool(body.digits) and body.controls.shape[1] == 8
+    eight = body.brep.states[body.brep.start].size == 8 and not is_rational(body.controls)
+    return regular and bool(body.digits) and eight
 
 
 def _cube_edge(body: CellBody) -> float | None:
-    if not _is_block(body):
+    if body.macro or not _is_block(body):
         return None
     edges = body.controls[:, [4, 2, 1]] - body.controls[:, :1]
     edge = float(np.linalg.norm(edges[:, 0]))
@@ -106,7 +110,7 @@ def _cube_edge(body: CellBody) -> float | None:
 def _topology(body: CellBody) -> Iterator[Measure]:
     from porous.models.counts import euler_number
 
-    if len(set(body.digits)) == 1:
+    if len(set(body.digits)) == 1 and not body.macro:
         counted = Prefractal(body.digits[0], body.level)
         known = {
             "components": counted.components(6),
@@ -120,7 +124,7 @@ def _topology(body: CellBody) -> Iterator[Measure]:
         known = {
             "components": _face_components(body),
             "components_26": body.complex.components,
-            "euler_number_26": euler_number(body.closure, body.level),
+            "euler_number_26": euler_number(body.closure, body.level, body.level_zero),
         }
     for name, value in known.items():
         if value is not None:
@@ -136,18 +140,19 @@ def _face_components(body: CellBody) -> int:
     return int(joined(nodes.cells, one, other).max(initial=-1)) + 1
 
 
-def affine_volume(solution: Solution, controls: Floats, level: int) -> float | None:
+def affine_volume(solution: Solution, automaton: Automaton, level: int) -> float | None:
     """Return the volume of all cells of a level where each is an affine image of its reference.
 
     The sum over the paths of the products of volume ratios: a power of the matrix of ratios. None
-    where some child is no affine image of its state's reference cell, or the level-0 cell is not.
+    where some child is no affine image of its state's reference cell, or a level-0 cell is not,
+    as cells with weights are not.
 
     Parameters
     ----------
     solution
         The matrices.
-    controls
-        Of the level-0 cell, (3, m).
+    automaton
+        The placed level-0 cells.
     level
         Zero or more.
     """
@@ -155,12 +160,17 @@ def affine_volume(solution: Solution, controls: Floats, level: int) -> float | N
     ratios = volume_ratios(solution)
     if ratios is None:
         return None
-    whole = affine_image(brep.states[brep.start].controls, controls)
-    if whole is None:
-        return None
     filled = np.array([reference_volume(solution, q) for q in brep.reached])
     sums = np.linalg.matrix_power(ratios, level) @ filled
-    return float(abs(np.linalg.det(whole)) * sums[0])
+    total = 0.0
+    for group in automaton.level_zero:
+        reference = brep.states[brep.reached[group.state]].controls
+        for points in group.points:
+            whole = None if is_rational(points) else affine_image(reference, points)
+            if whole is None:
+                return None
+            total += float(abs(np.linalg.det(whole)) * sums[group.state])
+    return total
 
 
 def volume_ratios(solution: Solution) -> Floats | None:

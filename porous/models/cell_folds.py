@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from porous.errors import ModelError
 from porous.models.automaton import product
 from porous.models.cell_shapes import CUTS
+from porous.models.rational import positions
 from porous.values.volume_mesh import Block, VolumeMesh
 
 if TYPE_CHECKING:
@@ -71,7 +73,7 @@ def handedness(
 ) -> NDArray[np.int8]:
     """Return for each cell, by place, 1 where it is the right way round and −1 where mirrored.
 
-    Of the level-0 cell its volume says so; of a child the volume that it has in its parent's
+    Of level-0 cells their volume says so; of a child the volume that it has in its parent's
     reference position. A cell whose own volume says otherwise is folded.
     """
     brep, states = solution.brep, solution.brep.reached
@@ -84,9 +86,12 @@ def handedness(
         fans.append(len(turns) - firsts[-1])
     target, turn = np.array(turns).T
     fan, first = np.array(fans), np.array(firsts)
-    start = automaton.states[automaton.start].controls
-    state = np.zeros(1, np.int64)
-    hand = np.array([_sign(brep, brep.start, product(start, weights[brep.start]))])
+    state, hand = np.empty((2, sum(len(group.place) for group in automaton.level_zero)), np.int64)
+    for group in automaton.level_zero:
+        q = states[group.state]
+        corners = positions(product(group.points, weights[q]))
+        state[group.place] = group.state
+        hand[group.place] = [_sign(brep, q, spots) for spots in corners]
     for _ in range(level):
         many = fan[state]
         letter = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
@@ -120,8 +125,8 @@ def _sign(brep: BRep, index: int, spots: Floats) -> int:
 
 def check_controls(brep: BRep, controls: Floats, weights: Floats) -> None:
     """Raise ``ModelError`` where two corners of the level-0 cell are one point."""
-    spots = product(controls, weights)
-    limit = COINCIDENT * float(np.abs(controls).max())
+    spots = positions(product(controls, weights))
+    limit = COINCIDENT * float(np.abs(positions(controls)).max())
     gap = np.abs(spots[:, :, None] - spots[:, None, :]).max(axis=0)
     pairs = np.argwhere(np.triu(gap <= limit, 1))
     if len(pairs):
@@ -140,7 +145,9 @@ def _control(brep: BRep, weights: Floats, corner: int) -> str:
     return brep.states[brep.start].boundaries[brep.of_dimension(brep.start, 0)[corner]].name
 
 
-def check_folds(points: Floats, groups: Sequence[Group], brep: BRep, level: int) -> None:
+def check_folds(
+    points: Floats, groups: Sequence[Group], brep: BRep, level: int, starts: tuple[int, ...]
+) -> None:
     """Raise ``ModelError`` for cells without a positive Jacobian, naming the first one."""
     bad = []
     for group in groups:
@@ -152,10 +159,10 @@ def check_folds(points: Floats, groups: Sequence[Group], brep: BRep, level: int)
         place, least = folded[folded[:, 0].argmin()]
         total = sum(len(group.place) for group in groups)
         raise ModelError(
-            f"{address(brep, level, int(place))} is folded or flat: at one corner its Jacobian is "
-            f"{least:.3g} of the product of its edges, wanted a positive number; so are "
-            f"{len(folded)} of {total} cells. Choose a lower level, less texture or controls that "
-            "bend less, or mesh voxels instead"
+            f"{address(brep, level, int(place), starts)} is folded or flat: at one corner its "
+            f"Jacobian is {least:.3g} of the product of its edges, wanted a positive number; so "
+            f"are {len(folded)} of {total} cells. Choose a lower level, less texture or controls "
+            "that bend less, or mesh voxels instead"
         )
 
 
@@ -183,10 +190,16 @@ def _least(spots: Floats, frames: Indices) -> Floats:
     return least
 
 
-def address(brep: BRep, level: int, place: int) -> str:
-    """Return the address of the cell at a place: ``cell 012.220 (children by name)``."""
+def address(brep: BRep, level: int, place: int, starts: tuple[int, ...] = ()) -> str:
+    """Return the address of the cell at a place: ``cell 012.220 (children by name)``.
+
+    ``starts`` are the states of the level-0 cells; the start's where not given.
+    """
     amounts = _amounts(brep, level)
-    state, names = brep.start, []
+    ends = np.cumsum([amounts[level][q] for q in starts or (brep.start,)]).tolist()
+    root = bisect_right(ends, place)
+    place -= ends[root - 1] if root else 0
+    state, names = (starts or (brep.start,))[root], []
     for left in range(level - 1, -1, -1):
         for child in brep.states[state].children:
             if place < amounts[left][child.state]:
@@ -195,9 +208,10 @@ def address(brep: BRep, level: int, place: int) -> str:
                 break
             place -= amounts[left][child.state]
     if not names:
-        return "the level-0 cell"
+        return f"level-0 cell {root}" if len(ends) > 1 else "the level-0 cell"
     between = "/" if any("." in name for name in names) else "."
-    return f"cell {between.join(names)} (children by name)"
+    where = f" of level-0 cell {root}" if len(ends) > 1 else ""
+    return f"cell {between.join(names)} (children by name){where}"
 
 
 def _amounts(brep: BRep, level: int) -> list[dict[int, int]]:

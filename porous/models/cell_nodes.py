@@ -24,6 +24,7 @@ from porous.models.cell_folds import (
     handedness,
 )
 from porous.models.cell_shapes import DIAGONALS, WIDTH, Cut, cut
+from porous.models.rational import positions
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
@@ -106,13 +107,14 @@ class CellNodes(Value):
     groups
         The cells by state.
     origins
-        For each vertex and each face the boundary of the level-0 cell that it lies in, or −1.
+        For each vertex and each face the outer boundary of the level-0 cells that it lies in, or
+        −1.
     faces
-        Names of the level-0 cell's faces, by their index among its boundaries.
+        Names of the outer faces of the level-0 cells, by their numbers.
     closures
-        For each of them all the boundaries of the level-0 cell that lie in it.
-    brep, level
-        Whose cells these are.
+        For each of them all the outer boundaries of the level-0 cells that lie in it.
+    brep, level, starts
+        Whose cells these are, and the states of the level-0 cells.
     """
 
     points: Floats
@@ -122,6 +124,7 @@ class CellNodes(Value):
     closures: Mapping[int, tuple[int, ...]]
     brep: BRep
     level: int
+    starts: tuple[int, ...]
 
     def __post_init__(self) -> None:
         self._set("points", frozen(self.points, np.float64))
@@ -142,7 +145,7 @@ class CellNodes(Value):
         Raises ``ModelError`` where one is folded or flat; names the first one's address, children
         by name.
         """
-        check_folds(self.points, self.groups, self.brep, self.level)
+        check_folds(self.points, self.groups, self.brep, self.level, self.starts)
         return self
 
     @cached_property
@@ -223,7 +226,7 @@ def cell_nodes(
     complex_
         The complex of the level.
     automaton
-        ``solution.automaton(controls)``: the placed level-0 cell.
+        ``solution.automaton(controls)``: the placed level-0 cells.
     level
         Zero or more.
 
@@ -253,10 +256,16 @@ def cell_nodes(
         for entities, own, how in zip(complex_.cells, corners, cuts, strict=True)
     )
     origins = _origins(brep, complex_, 0), _origins(brep, complex_, 2)
-    start, faces = brep.start, brep.of_dimension(brep.start, 2)
-    names = {k: brep.states[start].boundaries[k].name for k in faces}
-    closures = {k: (k, *(use.boundary for use in brep.sub[start][k])) for k in faces}
-    return CellNodes(points, groups, origins, names, closures, brep, level)
+    return CellNodes(
+        points,
+        groups,
+        origins,
+        complex_.faces,
+        complex_.closures,
+        brep,
+        level,
+        complex_.starts,
+    )
 
 
 def placed_corners(
@@ -270,11 +279,14 @@ def placed_corners(
     check_memory(
         BYTES_PER_CELL * count, f"a mesh of level {level} ({count} cells)", "Choose a lower level."
     )
-    weights, controls = _corner_weights(solution), automaton.states[automaton.start].controls
-    check_controls(solution.brep, controls, weights[solution.brep.start])
+    weights = _corner_weights(solution)
+    if not automaton.roots:
+        controls = automaton.states[automaton.start].controls
+        check_controls(solution.brep, controls, weights[solution.brep.start])
     spots = _spots(solution, automaton, weights, level, complex_.cells)
     corners = [_ids(complex_, entities, 0) for entities in complex_.cells]
-    return _points(spots, corners, controls), corners
+    size = max(float(np.abs(positions(g.points)).max()) for g in automaton.level_zero)
+    return _points(spots, corners, size), corners
 
 
 def _corner_weights(solution: Solution) -> dict[int, Floats]:
@@ -319,7 +331,7 @@ def _spots(
     for group in parents:
         for letter, (target, matrix) in enumerate(steps[group.state]):
             at = row[first[group.place] + letter]
-            result[target][at] = product(group.points, matrix).transpose(0, 2, 1)
+            result[target][at] = positions(product(group.points, matrix)).transpose(0, 2, 1)
     return [result[entities.state] for entities in cells]
 
 
@@ -336,7 +348,7 @@ def _steps(
     return born or [(state, weights[state])]
 
 
-def _points(spots: Sequence[Floats], corners: Sequence[Indices], controls: Floats) -> Floats:
+def _points(spots: Sequence[Floats], corners: Sequence[Indices], scale: float) -> Floats:
     """Return the first occurrence of each vertex; all others have to be where it is."""
     total = 1 + max(int(own.max()) for own in corners)
     points = np.empty((total, 3))
@@ -346,7 +358,6 @@ def _points(spots: Sequence[Floats], corners: Sequence[Indices], controls: Float
     gap = max(
         float(np.abs(points[own] - spot).max()) for spot, own in zip(spots, corners, strict=True)
     )
-    scale = float(np.abs(controls).max())
     if not gap <= TEAR * scale:
         raise ModelError(
             f"mesh: occurrences of one corner lie {gap:.3g} apart; wanted less than "

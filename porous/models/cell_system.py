@@ -25,8 +25,11 @@ from porous.models.betti import betti
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_nodes import CellNodes, cell_nodes, placed_corners
 from porous.models.closure import Closure, closure
-from porous.models.complex import Complex, cell_complex
+from porous.models.complex import Complex, cell_complex, level_zero
 from porous.models.counts import counts
+from porous.models.macro import MacroMesh, Sharing, automaton_of
+from porous.models.macro_places import side_names
+from porous.models.rational import ROWS, positions
 from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value, frozen
@@ -43,6 +46,12 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
 
+SOLVED = 1e-15
+"""Weights may be less than zero by so much where they are none: the rounding of ``solve``."""
+
+DIVIDED = 1e-15
+"""By which part of the largest coordinate a division by weights may be off."""
+
 WEIGHTLESS = 1e-12
 """Weights below this count as none when the controls that corners lie on are looked for."""
 
@@ -56,7 +65,8 @@ class CellSystem(Value):
     solution
         The matrices that satisfy the constraints.
     controls
-        Control points of the level-0 cell, float64 (3, m), in ``unit``.
+        Control points of the level-0 cells, float64 (3, m), in ``unit``; with weights (4, m),
+        homogeneous (``models.rational``).
     level
         Zero or more.
     domain
@@ -67,6 +77,8 @@ class CellSystem(Value):
         The digit set of each level where cells are those of cubes; else none.
     bulk_box
         The box that porosity refers to, in place of the level-0 cell's body.
+    macro
+        The level-0 cells where there are several, on the same control points.
 
     Raises
     ------
@@ -81,14 +93,17 @@ class CellSystem(Value):
     unit: str = "mm"
     digits: tuple[DigitSet, ...] = ()
     bulk_box: Box | None = None
+    macro: MacroMesh | None = None
 
     def __post_init__(self) -> None:
         self._set("controls", frozen(self.controls, np.float64))
         self._set("digits", tuple(self.digits))
         check_unit(self.unit)
-        wanted = self.brep.states[self.brep.start].controls.shape
-        if self.controls.shape != wanted:
-            raise ModelError(f"controls: got shape {self.controls.shape}; wanted {wanted}")
+        size = self.brep.states[self.brep.start].size
+        if self.macro:
+            size = 1 + max(max(cell) for cell in self.macro.cells)
+        if self.controls.shape not in [(rows, size) for rows in ROWS]:
+            raise ModelError(f"controls: got shape {self.controls.shape}; wanted (3, {size})")
         whole = isinstance(self.level, int) and not isinstance(self.level, bool)
         if not whole or not 0 <= self.level <= DEEPEST:
             raise ModelError(f"level: got {self.level!r}; wanted a whole number, 0 … {DEEPEST}")
@@ -100,18 +115,30 @@ class CellSystem(Value):
 
     @cached_property
     def automaton(self) -> Automaton:
-        """The automaton of the cells, its level-0 cell where the controls lie."""
-        return self.solution.automaton(self.controls)
+        """The automaton of the cells, its level-0 cells where the controls lie."""
+        return automaton_of(self.solution, self.controls, self.macro)
+
+    @cached_property
+    def _sharing(self) -> Sharing | None:
+        return Sharing(self.brep, self.macro, self.controls.shape[1]) if self.macro else None
 
     @cached_property
     def closure(self) -> Closure:
         """What every state's split creates and shares."""
-        return closure(self.solution)
+        return self._sharing.closure(self.solution) if self._sharing else closure(self.solution)
+
+    @cached_property
+    def level_zero(self) -> Complex:
+        """The level-0 cells with all that they share."""
+        if self._sharing is None:
+            return level_zero(self.closure)
+        names = side_names(self._sharing, self.solution, self.controls)
+        return self._sharing.complex(self.closure, names)
 
     @cached_property
     def complex(self) -> Complex:
         """The cells of the level with all that they share."""
-        return cell_complex(self.closure, self.level)
+        return cell_complex(self.closure, self.level, self.level_zero)
 
     @cached_property
     def nodes(self) -> CellNodes:
@@ -137,7 +164,7 @@ class CellSystem(Value):
 
         From the power of a matrix: levels far too deep to be made are counted too.
         """
-        return counts(self.closure, self.level)
+        return counts(self.closure, self.level, self.level_zero)
 
     @property
     def betti_numbers(self) -> tuple[int, int, int]:
@@ -162,15 +189,15 @@ class CellSystem(Value):
 
     @cached_property
     def bulk_surface(self) -> SurfaceMesh:
-        """The boundary of the body that porosity refers to: the level-0 cell with nothing lost."""
+        """The boundary of the body that porosity refers to: level-0 cells with nothing lost."""
         from porous.models.cell_bulk import bulk_surface
         from porous.models.cell_exact import affine_volume
 
         level = self.level
-        if affine_volume(self.solution, self.controls, 0) is not None:
+        if affine_volume(self.solution, self.automaton, 0) is not None:
             level = 0  # flat faces are the same however finely they are cut
         check_cells(self.automaton, count_cells(self.automaton, level), f"level {level}")
-        return bulk_surface(self.solution, self.controls, level, self.unit)
+        return bulk_surface(self.solution, self.automaton, self.level_zero, level, self.unit)
 
     def sample_bulk(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
         """Return the masks of the body that porosity refers to."""
@@ -190,26 +217,36 @@ class CellSystem(Value):
         return Pieces(solid, place[None])
 
 
-def natural_box(solution: Solution, controls: Floats, tolerance: float) -> Box:
+def natural_box(solution: Solution, automaton: Automaton, tolerance: float) -> Box:
     """Return a certified box of all that is drawn at any level, and of the attractor.
 
     Parameters
     ----------
-    solution, controls
+    solution
         As in ``CellSystem``.
+    automaton
+        Its placed level-0 cells.
     tolerance
         How much too large it may be, relative to the controls' longest extent.
     """
     from porous.models.control_box import control_box
 
-    hull = Box.of_points(controls.T)
-    corners = Box.of_points((controls @ corner_weights(solution, solution.brep.start)).T)
-    mixtures = all((T >= 0).all() for q in solution.brep.reached for T in solution.matrices[q])
-    if mixtures and hull == corners:
-        return hull  # no mixture leaves it, and it is reached
-    automaton, drawn = _cornered(solution.automaton(controls), solution)
-    longest = float(np.ptp(controls, axis=1).max())
-    return control_box(automaton, tolerance=tolerance * longest, drawn=drawn)
+    hull, corners = _hulls(solution, automaton)
+    mixtures = all(T.min() >= -SOLVED for q in solution.brep.reached for T in solution.matrices[q])
+    if mixtures and corners.contains(hull, tolerance=DIVIDED * float(np.abs(hull.corners).max())):
+        return corners  # no mixture leaves it, and it is reached
+    cornered, drawn = _cornered(automaton, solution)
+    return control_box(cornered, tolerance=tolerance * max(hull.lengths), drawn=drawn)
+
+
+def _hulls(solution: Solution, automaton: Automaton) -> tuple[Box, Box]:
+    """Return the boxes of the controls and of the corners of the level-0 cells."""
+    hulls, corners = [], []
+    for group in automaton.level_zero:
+        weights = corner_weights(solution, solution.brep.reached[group.state])
+        hulls.append(np.swapaxes(positions(group.points), 1, 2).reshape(-1, 3))
+        corners.append(np.swapaxes(positions(group.points @ weights), 1, 2).reshape(-1, 3))
+    return Box.of_points(np.concatenate(hulls)), Box.of_points(np.concatenate(corners))
 
 
 def _cornered(
@@ -230,4 +267,4 @@ def _cornered(
             transitions.append(Transition(place, len(states), weights))
             corners = automaton.states[place].controls @ weights
             states.append(State(f"corners of {automaton.states[place].name}", corners))
-    return Automaton(tuple(states), tuple(transitions), automaton.start), drawn
+    return Automaton(tuple(states), tuple(transitions), automaton.start, automaton.roots), drawn

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Order = tuple[int, ...]
     Starts = Mapping[int, tuple[tuple[Order, ...], ...]]
+    Reasons = Mapping[tuple[int, int, Order], str]
 
 OWN = -1
 """Stands for the state itself where a boundary is named."""
@@ -139,7 +140,9 @@ class Closure(Value):
         return (*(b.state for b in self.brep.states[state].boundaries), state)
 
 
-def closure(solution: Solution, starts: Starts | None = None) -> Closure:
+def closure(
+    solution: Solution, starts: Starts | None = None, reasons: Reasons | None = None
+) -> Closure:
     """Return what every boundary of every child is, from the constraints alone.
 
     Parameters
@@ -149,6 +152,8 @@ def closure(solution: Solution, starts: Starts | None = None) -> Closure:
     starts
         For each state of level-0 cells and each of its boundaries the orders in which those cells
         name its controls; not given: one cell of the start's state, all as they come.
+    reasons
+        For a state, boundary and order of these who asks for it, for people to read.
 
     Raises
     ------
@@ -166,7 +171,7 @@ def closure(solution: Solution, starts: Starts | None = None) -> Closure:
     for q in brep.by_dimension:
         if q in needed:
             work.split(q)
-    return _numbered(work, work.follow(starts))
+    return _numbered(work, work.follow(starts, reasons or {}))
 
 
 def _needed(brep: BRep, starts: Starts) -> set[int]:
@@ -363,7 +368,9 @@ class _Work:
             f"state {self.brep.states[q].name} is not symmetric under {order}; wanted by {why}"
         )
 
-    def follow(self, starts: Starts) -> dict[tuple[int, int], dict[Order, str]]:
+    def follow(
+        self, starts: Starts, reasons: Reasons
+    ) -> dict[tuple[int, int], dict[Order, str]]:
         """Find in which orders cells use their boundaries, level after level, and why."""
         uses: dict[tuple[int, int], dict[Order, str]] = {}
         queue: deque[tuple[int, int, Order]] = deque()
@@ -377,7 +384,7 @@ class _Work:
             meet(q, len(boundaries), self._bare[q], "a level-0 cell")
             for k, given in enumerate(boundaries):
                 for order in given:
-                    meet(q, k, order, "a level-0 cell")
+                    meet(q, k, order, reasons.get((q, k, order), "a level-0 cell"))
         while queue:
             q, k, order = queue.popleft()
             for step in self._steps(q, k, order, uses[q, k][order]):

@@ -25,6 +25,7 @@ from porous.models.constraints import (
     summing_to,
     system_of,
 )
+from porous.models.rational import ROWS, scaled
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from porous.models.automaton import Cells
     from porous.models.brep import BRep, CellState
     from porous.models.constraints import System
 
@@ -119,15 +121,24 @@ class Solution(Value):
         """Return (m − 1) for each free point: its weights sum to one."""
         return (self.brep.states[state].size - 1) * self.free_points(state)
 
-    def automaton(self, controls: ArrayLike | None = None, *, scale: float = 1.0) -> Automaton:
+    def automaton(
+        self,
+        controls: ArrayLike | None = None,
+        *,
+        scale: float = 1.0,
+        roots: tuple[Cells, ...] = (),
+    ) -> Automaton:
         """Return the automaton of the states that come of the start, the start first.
 
         Parameters
         ----------
         controls
-            Control points (3, m) of the start, in place of its reference positions.
+            Control points of the start, in place of its reference positions: (3, m), or with
+            weights (4, m), homogeneous.
         scale
             Factor of all controls: the length of a model unit.
+        roots
+            The level-0 cells where there are several, by their places among ``brep.reached``.
 
         Raises
         ------
@@ -138,13 +149,15 @@ class Solution(Value):
         places = [state.controls for state in states]
         if controls is not None:
             places[0] = numbers(controls, f"controls of {states[0].name}")
-            if places[0].shape != states[0].controls.shape:
+            if places[0].shape not in [(rows, states[0].size) for rows in ROWS]:
                 raise ModelError(
                     f"controls of {states[0].name}: got shape {places[0].shape}; "
                     f"wanted {states[0].controls.shape}"
                 )
-        kinds = [State(q.name, place * scale) for q, place in zip(states, places, strict=True)]
-        return Automaton(tuple(kinds), self._transitions)
+        kinds = [
+            State(q.name, scaled(place, scale)) for q, place in zip(states, places, strict=True)
+        ]
+        return Automaton(tuple(kinds), self._transitions, roots=roots)
 
     @cached_property
     def _transitions(self) -> tuple[Transition, ...]:
