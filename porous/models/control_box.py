@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from porous.errors import ModelError
+from porous.models.rational import is_rational, positions
 from porous.models.weight_intervals import (
     Intervals,
     endless,
@@ -38,6 +39,12 @@ BATCH = 1_000
 
 FEW_ROWS = 500
 """How many of them, for each interval, when intervals are narrowed."""
+
+MOST_STEPS = 20
+"""Steps of the search for the largest quotient, after which a bound is looser."""
+
+WEIGHT = 0.01
+"""Bounds on weights may be off by this part of the least one given."""
 
 ROUNDS = 4
 """How often intervals are narrowed before the box is left looser."""
@@ -92,29 +99,79 @@ def control_box(
     if automaton.start not in part.states:
         if not points.shape[1]:
             raise ModelError("box of control points: nothing is drawn and every path ends")
-        return Box.of_points((controls @ points).T)
+        return Box.of_points(positions(controls @ points).T)
     weights = weights_of(part)
-    held = intervals(weights)
-    asked = _asked(weights, part.states.index(automaton.start), controls)
-    best, upper = _largest(weights, held, asked, tolerance, MOST_ROWS)
-    for _ in range(ROUNDS):
-        if (upper <= best + tolerance).all():
+    search = _Search(weights, intervals(weights), part.states.index(automaton.start))
+    forms = np.vstack([controls[:3], -controls[:3]])
+    if is_rational(controls):
+        upper = _quotients(search, forms, controls[3], points, tolerance)
+    else:
+        upper = search.largest(forms, tolerance)[1]
+    return Box(tuple((-upper[3:]).tolist()), tuple(upper[:3].tolist()))
+
+
+class _Search:
+    """A search for the largest values of forms, which narrows its intervals where it has to."""
+
+    def __init__(self, weights: Weights, held: Intervals, start: int) -> None:
+        self.weights, self.held, self.start = weights, held, start
+        self.rounds = ROUNDS
+
+    def largest(
+        self, forms: NDArray[np.float64], tolerance: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what forms (k, m) of the start's weights reach, and certain bounds on it, (k,)."""
+        asked = self._asked(forms)
+        best, upper = _largest(self.weights, self.held, asked, tolerance, MOST_ROWS)
+        while self.rounds and (upper > best + tolerance).any():
+            self.rounds -= 1
+            self.held = narrowed(self.weights, self.held)
+            again = _largest(self.weights, self.held, asked, tolerance, MOST_ROWS)
+            best, upper = np.maximum(best, again[0]), np.minimum(upper, again[1])
+        slack = 1e-12 * float(np.abs(forms).max()) * (1 + 2 * float(self.held.negative.max()))
+        return best, upper + slack
+
+    def _asked(self, forms: NDArray[np.float64]) -> _Rows:
+        z = forms[:, :-1] - forms[:, -1:]
+        width = z.shape[1]
+        rows = z @ self.weights.bases[self.start][:width]
+        offsets = z @ self.weights.centres[self.start][:width] + forms[:, -1]
+        return _roots(np.full(len(forms), self.start), rows, offsets)
+
+
+def _quotients(
+    search: _Search,
+    forms: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    points: NDArray[np.float64],
+    tolerance: float,
+) -> NDArray[np.float64]:
+    """Return bounds (k,) on forms (k, m) divided by the weight (m,) of the same point.
+
+    f / w ≤ u wherever f − u·w ≤ 0 and w > 0; u grows from what ``points`` (m, p) reach to what
+    others do (Dinkelbach 1967).
+    """
+    least, most = _weights(search, weight)
+    known = points if points.shape[1] else np.eye(len(weight))
+    u = ((forms @ known) / (weight @ known)).max(axis=1)
+    for _ in range(MOST_STEPS):
+        best, over = search.largest(forms - u[:, None] * weight, tolerance * least / 2)
+        if (best <= tolerance * least / 2).all():
             break
-        held = narrowed(weights, held)
-        again = _largest(weights, held, asked, tolerance, MOST_ROWS)
-        best, upper = np.maximum(best, again[0]), np.minimum(upper, again[1])
-    slack = 1e-12 * float(np.abs(controls).max()) * (1 + 2 * float(held.negative.max()))
-    lower, upper = -upper[3:] - slack, upper[:3] + slack
-    return Box(tuple(lower.tolist()), tuple(upper.tolist()))
+        u = u + np.maximum(best, 0) / most
+    return np.asarray(u + np.maximum(over, 0) / least)
 
 
-def _asked(weights: Weights, start: int, controls: NDArray[np.float64]) -> _Rows:
-    """Return the functionals x, y, z, −x, −y, −z of the start state."""
-    z = controls[:, :-1] - controls[:, -1:]
-    width = z.shape[1]
-    rows = z @ weights.bases[start][:width]
-    offsets = z @ weights.centres[start][:width] + controls[:, -1]
-    return _roots(np.full(6, start), np.vstack([rows, -rows]), np.concatenate([offsets, -offsets]))
+def _weights(search: _Search, weight: NDArray[np.float64]) -> tuple[float, float]:
+    """Return bounds, above zero, on the weights of all that is drawn and of the limit."""
+    reached, bounds = search.largest(np.stack([-weight, weight]), WEIGHT * float(weight.min()))
+    if not bounds[0] < 0:
+        got = f"fall to {-reached[0]:.6g}" if reached[0] >= 0 else "could not be bounded above zero"
+        raise ModelError(
+            f"controls: the weights of smaller cells {got}; wanted weights above zero everywhere: "
+            "weights closer to each other, or less texture"
+        )
+    return float(-bounds[0]), float(bounds[1])
 
 
 def _roots(

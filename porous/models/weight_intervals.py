@@ -24,6 +24,7 @@ from porous.models.adapted import (
     turned,
     weight_system,
 )
+from porous.models.rational import positions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -138,7 +139,7 @@ def endless(
     ends = [(number[t.source], number[t.target]) for t in left]
     sizes = [automaton.states[q].size for q in states]
     shown = [points[q] for q in states]
-    controls = [automaton.states[q].controls for q in states]
+    controls = [positions(automaton.states[q].controls) for q in states]
     found = Endless(states, sizes, ends, [t.matrix for t in left], shown, controls)
     return found, points[automaton.start]
 
