@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from porous.models.automaton import Automaton
     from porous.models.weight_intervals import Weights
 
+    Floats = NDArray[np.float64]
+
 MOST_ROWS = 40_000
 """How many functionals a search may form."""
 
@@ -79,7 +81,7 @@ def control_box(
     Parameters
     ----------
     automaton
-        States of any number of controls; weights may be negative. The start state's controls are
+        States of any number of controls; matrices may be negative. The level-0 cells' controls are
         in the world.
     tolerance
         How much too far out each face may lie, in the unit of the controls. Where textures shrink
@@ -90,37 +92,37 @@ def control_box(
     Raises
     ------
     ModelError
-        For a tolerance that is not positive, or where no bounds on the weights were found.
+        For a tolerance that is not positive, where no bounds on the weights were found, or where
+        weights of rational controls fall to zero.
     """
     if not tolerance > 0:
         raise ModelError(f"box of control points: got tolerance {tolerance}; wanted more than 0")
-    controls = automaton.states[automaton.start].controls
-    part, points = endless(automaton, drawn or {})
-    if automaton.start not in part.states:
-        if not points.shape[1]:
-            raise ModelError("box of control points: nothing is drawn and every path ends")
-        return Box.of_points(positions(controls @ points).T)
-    weights = weights_of(part)
-    search = _Search(weights, intervals(weights), part.states.index(automaton.start))
-    forms = np.vstack([controls[:3], -controls[:3]])
-    if is_rational(controls):
-        upper = _quotients(search, forms, controls[3], points, tolerance)
-    else:
-        upper = search.largest(forms, tolerance)[1]
-    return Box(tuple((-upper[3:]).tolist()), tuple(upper[:3].tolist()))
+    part, drawings = endless(automaton, drawn or {})
+    cells = [(group.state, points) for group in automaton.level_zero for points in group.points]
+    shown = np.hstack([positions(points @ drawings[q]) for q, points in cells])
+    open_ = [(part.states.index(q), points) for q, points in cells if q in part.states]
+    if not open_ and not shown.size:
+        raise ModelError("box of control points: nothing is drawn and every path ends")
+    reached = np.vstack([shown, -shown]).max(axis=1, initial=-np.inf)
+    if open_:
+        weights = weights_of(part)
+        search = _Search(weights, intervals(weights), [q for q, _ in open_])
+        reached = _reach(search, [points for _, points in open_], reached, tolerance)
+    return Box(tuple((-reached[3:]).tolist()), tuple(reached[:3].tolist()))
 
 
 class _Search:
-    """A search for the largest values of forms, which narrows its intervals where it has to."""
+    """A search for the largest values of forms, which narrows its intervals where it has to.
 
-    def __init__(self, weights: Weights, held: Intervals, start: int) -> None:
-        self.weights, self.held, self.start = weights, held, start
+    Forms are given for each level-0 cell with endless paths, (k, m), on its state's weights.
+    """
+
+    def __init__(self, weights: Weights, held: Intervals, states: list[int]) -> None:
+        self.weights, self.held, self.states = weights, held, states
         self.rounds = ROUNDS
 
-    def largest(
-        self, forms: NDArray[np.float64], tolerance: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what forms (k, m) of the start's weights reach, and certain bounds on it, (k,)."""
+    def largest(self, forms: list[Floats], tolerance: float) -> tuple[Floats, Floats]:
+        """Return what each of k forms reaches in some cell, and certain bounds on it, (k,)."""
         asked = self._asked(forms)
         best, upper = _largest(self.weights, self.held, asked, tolerance, MOST_ROWS)
         while self.rounds and (upper > best + tolerance).any():
@@ -128,50 +130,54 @@ class _Search:
             self.held = narrowed(self.weights, self.held)
             again = _largest(self.weights, self.held, asked, tolerance, MOST_ROWS)
             best, upper = np.maximum(best, again[0]), np.minimum(upper, again[1])
-        slack = 1e-12 * float(np.abs(forms).max()) * (1 + 2 * float(self.held.negative.max()))
-        return best, upper + slack
+        size = max(float(np.abs(own).max()) for own in forms)
+        return best, upper + 1e-12 * size * (1 + 2 * float(self.held.negative.max()))
 
-    def _asked(self, forms: NDArray[np.float64]) -> _Rows:
-        z = forms[:, :-1] - forms[:, -1:]
-        width = z.shape[1]
-        rows = z @ self.weights.bases[self.start][:width]
-        offsets = z @ self.weights.centres[self.start][:width] + forms[:, -1]
-        return _roots(np.full(len(forms), self.start), rows, offsets)
+    def _asked(self, forms: list[Floats]) -> _Rows:
+        rows, offsets = [], []
+        for q, own in zip(self.states, forms, strict=True):
+            z = own[:, :-1] - own[:, -1:]
+            width = z.shape[1]
+            rows.append(z @ self.weights.bases[q][:width])
+            offsets.append(z @ self.weights.centres[q][:width] + own[:, -1])
+        many = len(forms[0])
+        asked = _roots(np.repeat(self.states, many), np.vstack(rows), np.concatenate(offsets))
+        return asked._replace(roots=asked.roots % many)
 
 
-def _quotients(
-    search: _Search,
-    forms: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    points: NDArray[np.float64],
-    tolerance: float,
-) -> NDArray[np.float64]:
-    """Return bounds (k,) on forms (k, m) divided by the weight (m,) of the same point.
+def _reach(search: _Search, controls: list[Floats], reached: Floats, tolerance: float) -> Floats:
+    """Return bounds (6,) on x, y, z, −x, −y, −z of all that cells with such controls draw.
 
-    f / w ≤ u wherever f − u·w ≤ 0 and w > 0; u grows from what ``points`` (m, p) reach to what
-    others do (Dinkelbach 1967).
+    Of controls with weights f / w ≤ u wherever f − u·w ≤ 0 and w > 0: u grows from what is
+    ``reached`` to what else there is (Dinkelbach 1967).
     """
-    least, most = _weights(search, weight)
-    known = points if points.shape[1] else np.eye(len(weight))
-    u = ((forms @ known) / (weight @ known)).max(axis=1)
+    forms = [np.vstack([points[:3], -points[:3]]) for points in controls]
+    if not is_rational(controls[0]):
+        return np.maximum(search.largest(forms, tolerance)[1], reached)
+    weights = [points[3] for points in controls]
+    least, most = _weights(search, weights)
+    own = np.hstack([positions(points) for points in controls])
+    u = np.maximum(reached, np.vstack([own, -own]).min(axis=1))
     for _ in range(MOST_STEPS):
-        best, over = search.largest(forms - u[:, None] * weight, tolerance * least / 2)
+        over = [f - u[:, None] * w for f, w in zip(forms, weights, strict=True)]
+        best, upper = search.largest(over, tolerance * least / 2)
         if (best <= tolerance * least / 2).all():
             break
         u = u + np.maximum(best, 0) / most
-    return np.asarray(u + np.maximum(over, 0) / least)
+    return np.asarray(u + np.maximum(upper, 0) / least)
 
 
-def _weights(search: _Search, weight: NDArray[np.float64]) -> tuple[float, float]:
+def _weights(search: _Search, weights: list[Floats]) -> tuple[float, float]:
     """Return bounds, above zero, on the weights of all that is drawn and of the limit."""
-    reached, bounds = search.largest(np.stack([-weight, weight]), WEIGHT * float(weight.min()))
-    if not bounds[0] < 0:
-        got = f"fall to {-reached[0]:.6g}" if reached[0] >= 0 else "could not be bounded above zero"
+    least = min(float(own.min()) for own in weights)
+    best, upper = search.largest([np.stack([-own, own]) for own in weights], WEIGHT * least)
+    if not upper[0] < 0:
+        got = f"fall to {-best[0]:.6g}" if best[0] >= 0 else "may fall to zero"
         raise ModelError(
             f"controls: the weights of smaller cells {got}; wanted weights above zero everywhere: "
             "weights closer to each other, or less texture"
         )
-    return float(-bounds[0]), float(bounds[1])
+    return float(-upper[0]), float(upper[1])
 
 
 def _roots(
@@ -234,7 +240,7 @@ def _largest(
     made longer, the furthest ones first, until ``limit`` functionals have been formed.
     """
     rows, formed = _bounded(weights, held, asked), 0
-    best, settled = np.full((2, len(asked.roots)), -np.inf)
+    best, settled = np.full((2, 1 + int(asked.roots.max())), -np.inf)
     front = rows
     while True:
         np.maximum.at(best, front.roots, _reached(weights, front))

@@ -115,8 +115,8 @@ class Intervals(NamedTuple):
 
 def endless(
     automaton: Automaton, drawn: Mapping[int, Sequence[int] | None]
-) -> tuple[Endless, NDArray[np.float64]]:
-    """Return the states with endless paths, and the weights of all that the start state draws.
+) -> tuple[Endless, list[NDArray[np.float64]]]:
+    """Return the states with endless paths, and the weights of all that each state draws.
 
     The latter (m, k) are its own controls that are drawn and what paths that end draw; where it
     has endless paths there is more.
@@ -141,7 +141,7 @@ def endless(
     shown = [points[q] for q in states]
     controls = [positions(automaton.states[q].controls) for q in states]
     found = Endless(states, sizes, ends, [t.matrix for t in left], shown, controls)
-    return found, points[automaton.start]
+    return found, points
 
 
 def _shown(size: int, chosen: Sequence[int] | None) -> NDArray[np.float64]:
