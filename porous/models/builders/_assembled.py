@@ -7,7 +7,7 @@ that fit has given the constraints too; they are those of ``_joins``.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -54,6 +54,34 @@ def assembled(
             raise ModelError(f"keep: got children of {name!r}{nearest(name, known)}")
     thin = tuple(_kept(state, given.get(state.name)) for state in full.states)
     return BRep(tuple(_joined(thin, state) for state in thin), start)
+
+
+def called(states: Sequence[CellState], names: Mapping[int, tuple[int, str]]) -> list[CellState]:
+    """Return some states by the numbers and names that they have among others.
+
+    Parameters
+    ----------
+    states
+        Of another system.
+    names
+        For the index of each state that is wanted its new index and name; the boundaries and
+        children of those are among them.
+    """
+
+    def moved(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(replace(part, state=names[part.state][0]) for part in parts)
+
+    return [
+        replace(
+            states[old],
+            name=name,
+            boundaries=moved(states[old].boundaries),
+            children=moved(states[old].children),
+            incidences=(),
+            adjacencies=(),
+        )
+        for old, (_, name) in names.items()
+    ]
 
 
 def _kept(state: CellState, names: Names | None) -> CellState:

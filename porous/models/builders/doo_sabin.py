@@ -9,7 +9,6 @@ surface that belongs to one corner of a face with n: it is again a cell at the f
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.brep import Boundary, CellState, Child, selection
-from porous.models.builders._assembled import assembled
+from porous.models.builders._assembled import assembled, called
 from porous.models.builders._builder import Builder, Options, build_cell
 
 if TYPE_CHECKING:
@@ -121,26 +120,11 @@ def _build(options: Options) -> BRep:
     size = len(net.corners)
     if options.controls not in (None, size):
         raise ModelError(f"controls: got {options.controls}; wanted {size}, those of its faces")
-    patch, edge, vertex = _regular()
+    regular = build_cell(Options("biquadratic")).states
+    names = {0: (PATCH, "patch"), 1: (EDGE, "edge"), 2: (VERTEX, "vertex")}
+    patch, edge, vertex = called(regular, names)
     states = (_cell(net, patch), _spoke(net, patch), _hub(net), patch, edge, vertex)
     return assembled(states, options.keeping("cell"))
-
-
-def _regular() -> list[CellState]:
-    """Return the states of the biquadratic patch, by the numbers that they have here."""
-    found = build_cell(Options("biquadratic"))
-    renamed = zip(found.states, ("patch", "edge", "vertex"), strict=True)
-    return [
-        replace(
-            state,
-            name=name,
-            boundaries=tuple(replace(b, state=b.state + PATCH) for b in state.boundaries),
-            children=tuple(replace(c, state=c.state + PATCH) for c in state.children),
-            incidences=(),
-            adjacencies=(),
-        )
-        for state, name in renamed
-    ]
 
 
 def _cell(net: _Net, patch: CellState) -> CellState:
