@@ -1,7 +1,8 @@
 """Descent of cells with control points: which voxels their limit can touch, whatever the weights.
 
 A cell's part of the limit is the image of its state's, row·y + offset for each axis, where y are
-weights in coordinates of which intervals are known. Transitions multiply rows from the right.
+weights in coordinates of which intervals are known. Transitions multiply rows from the right. A
+fourth row, where there is one, is the divisor of the other three (rational controls).
 """
 
 from __future__ import annotations
@@ -51,15 +52,40 @@ class Weighed(NamedTuple):
 
 
 @kernel
+def _value(row, y):
+    # row·y + offset.
+    result = row[len(y)]
+    for b in range(len(y)):
+        result += row[b] * y[b]
+    return result
+
+
+@kernel
 def _enclose(node, middle, half, box):
     # Intersect a box with that of the image of intervals; errors are in the node's last column.
+    # With a divisor w > 0, x/w is within (x − c·w's reach)/(least w) of c, the quotient in the
+    # middle. Where w may be zero nothing is known.
     n = len(middle)
-    for a in range(3):
-        centre = node[a, n]
-        reach = node[a, n + 1] + SLACK
+    divided = node.shape[0] > 3
+    divisor = least = 1.0
+    if divided:
+        divisor = _value(node[3], middle)
+        least = divisor - node[3, n + 1] - SLACK * abs(divisor)
         for b in range(n):
-            centre += node[a, b] * middle[b]
-            reach += abs(node[a, b]) * half[b]
+            least -= abs(node[3, b]) * half[b]
+        if not least > 0.0:
+            return
+    for a in range(3):
+        centre = _value(node[a], middle) / divisor
+        reach = node[a, n + 1]
+        if divided:
+            reach += abs(centre) * node[3, n + 1]
+        for b in range(n):
+            way = node[a, b]
+            if divided:
+                way -= centre * node[3, b]
+            reach += abs(way) * half[b]
+        reach = reach / least + SLACK
         box[a] = max(box[a], centre - reach)
         box[a + 3] = min(box[a + 3], centre + reach)
 
@@ -68,7 +94,7 @@ def _enclose(node, middle, half, box):
 def _refine(parent, map_, node):
     # The child's rows, offset and errors.
     n = map_.shape[0]
-    for a in range(3):
+    for a in range(parent.shape[0]):
         node[a, :] = 0.0
         node[a, n] = parent[a, n]
         node[a, n + 1] = parent[a, n + 1]
@@ -96,14 +122,11 @@ def _touched(box, more, spacing, start, shape, span):
 @kernel
 def _stamp(marks, start, node, point):
     # Mark the voxel of a point of the limit.
-    n = len(point)
-    inside = True
+    divisor = _value(node[3], point) if node.shape[0] > 3 else 1.0
+    inside = divisor > 0.0
     place = (np.int64(0), np.int64(0), np.int64(0))
     for a in range(3):
-        value = node[a, n]
-        for b in range(n):
-            value += node[a, b] * point[b]
-        value = np.floor(value) - start[a]
+        value = np.floor(_value(node[a], point) / divisor) - start[a] if inside else -1.0
         inside = inside and value >= 0.0 and value < marks.shape[a]
         if inside:
             place = (place[1], place[2], np.int64(value))
@@ -186,8 +209,9 @@ class Descent:
         Edge lengths of a voxel, (3,).
     weighed
         The maps of weights.
-    root
-        The start state, and its rows, offset and errors (3, n + 2) in the lattice's voxels.
+    roots
+        Of each level-0 cell its state, and its rows, offset and errors (3, n + 2) in the lattice's
+        voxels; (4, n + 2) with a divisor.
     """
 
     def __init__(
@@ -196,13 +220,13 @@ class Descent:
         start: Indices,
         spacing: Floats,
         weighed: Weighed,
-        root: tuple[int, Floats],
+        roots: list[tuple[int, Floats]],
     ) -> None:
         self.marks = marks
         self.given = source(start, np.int64), source(spacing, np.float64)
         self.weighed = tuple(source(field, field.dtype) for field in weighed)
-        self.middle = weighed.middles[root[0]], weighed.halves[root[0]]
-        self.root = root
+        self.known = source(weighed.middles, np.float64), source(weighed.halves, np.float64)
+        self.roots = roots
         self.opened: list[tuple[Indices, Floats]] = []
 
     def run(self, stop: float, *, whole: bool, limit: int) -> int:
@@ -212,13 +236,14 @@ class Descent:
         the states and rows of larger cells with children that end; else the voxels of a point of
         the limit in each. Returns more than ``limit`` where it gave up there.
         """
-        size = ROOM
+        size = max(ROOM, len(self.roots))
         stack = self._stack(size)
-        stack[0][0], stack[1][0] = self.root
-        stack[2][0] = [-np.inf] * 3 + [np.inf] * 3
-        _enclose(stack[1][0], *(source(part, np.float64) for part in self.middle), stack[2][0])
-        found, owners = np.empty((ROOM, *self.root[1].shape)), np.empty(ROOM, np.int64)
-        top, total, span = 1, 0, np.empty(6, np.int64)
+        for place, (state, rows) in enumerate(self.roots):
+            stack[0][place], stack[1][place] = state, rows
+            stack[2][place] = [-np.inf] * 3 + [np.inf] * 3
+            _enclose(stack[1][place], *(part[state] for part in self.known), stack[2][place])
+        found, owners = np.empty((ROOM, *self.roots[0][1].shape)), np.empty(ROOM, np.int64)
+        top, total, span = len(self.roots), 0, np.empty(6, np.int64)
         while top and total <= limit:
             top, steps, taken, full = _descend(
                 self.marks,
@@ -243,7 +268,7 @@ class Descent:
 
     def _stack(self, size: int) -> tuple[Indices, Floats, Floats]:
         # One more cell than states: the one that is being opened.
-        rows = self.root[1].shape
+        rows = self.roots[0][1].shape
         return np.empty(size, np.int64), np.empty((size + 1, *rows)), np.empty((size + 1, 6))
 
     def _grown(self, stack: tuple[Any, ...], size: int, top: int) -> tuple[Any, ...]:

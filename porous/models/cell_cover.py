@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,10 +18,11 @@ from porous.errors import ModelError
 from porous.memory import check_memory
 from porous.models.adapted import EPSILON
 from porous.models.automaton import Automaton, Cells, State, Transition, product
-from porous.models.control_box import narrowed
+from porous.models.control_box import control_box, narrowed
 from porous.models.cover import COARSE, FINE, MOST_STEPS, ROUNDING, STEPS_PER_VOXEL
 from porous.models.drawing import Drawing, body, nothing
 from porous.models.net import Net, Window
+from porous.models.rational import is_rational, positions, scaled
 from porous.models.weight_intervals import endless, intervals, weights_of
 from porous.values import CENTRE
 
@@ -46,6 +47,12 @@ ROUNDS = 8
 SIMPLEX_BYTES = 200
 """Memory of a simplex that is drawn, about."""
 
+BOX = 0.01
+"""The box of a limit may be too large by this part of its longest edge."""
+
+ROUNDED = 64 * EPSILON
+"""What sums of a few numbers may be off by, as a part of them."""
+
 EDGE = 1e-3
 """What marks the voxels of bodies exactly may err by this part of a voxel."""
 
@@ -68,7 +75,7 @@ def cover_cells(
     Parameters
     ----------
     automaton
-        States of any number of controls; weights may be negative. The start state's controls are
+        States of any number of controls; matrices may be negative. The level-0 cells' controls are
         in the world.
     frame
         The voxels.
@@ -97,8 +104,8 @@ def cover_cells(
         return masks, (frame.diagonal + 2 * net.error) * ROUNDING
     h = min(frame.spacing)
     window = _Window.of(frame)
-    root = limit.root(np.array(frame.origin), window.spacing)
-    descent = window.descent(limit, root, window.empty())
+    roots = limit.roots(np.array(frame.origin), window.spacing)
+    descent = window.descent(limit, roots, window.empty())
     marks = window.marked(descent, h / FINE, whole=True).astype(np.uint64)
     bound = (frame.diagonal + 2 * h / FINE) * ROUNDING
     for found, error in _ended(limit, descent, frame):
@@ -142,11 +149,12 @@ def check_limit(automaton: Automaton, drawings: tuple[Drawing, ...], offset: flo
     """Raise ``ModelError`` where a limit cannot be covered: every path ends, or as above."""
     states = automaton.states
     open_ = _open(automaton)
-    if automaton.start not in open_:
-        raise ModelError(
-            f'level: "limit" wants endless paths; all that start from '
-            f"{states[automaton.start].name!r} end. Wanted a number"
-        )
+    for group in automaton.level_zero:
+        if group.state not in open_:
+            raise ModelError(
+                f'level: "limit" wants endless paths; all that start from '
+                f"{states[group.state].name!r} end. Wanted a number"
+            )
     for q in sorted(set(range(len(states))) - open_):
         if automaton.children[q] or drawings[q].is_empty:
             continue
@@ -189,35 +197,49 @@ class _Limit:
     weights: Weights
     held: Intervals
     weighed: Weighed
-    start: int
+    cells: tuple[tuple[int, Floats], ...]
     ends: tuple[tuple[_End, ...], ...]
 
-    @property
+    @cached_property
     def box(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of a box that holds the limit."""
-        q, rows = self.root(np.zeros(3), np.ones(3))
-        n = rows.shape[1] - 2
-        middle = rows[:, :n] @ self.weighed.middles[q] + rows[:, n]
-        half = np.abs(rows[:, :n]) @ self.weighed.halves[q] + rows[:, n + 1]
-        return middle - half, middle + half
+        silent: dict[int, tuple[int, ...]] = dict.fromkeys(range(len(self.automaton.states)), ())
+        places = [positions(controls) for _, controls in self.cells]
+        size = max(float(np.ptp(own, axis=1).max()) for own in places)
+        found = control_box(self.automaton, tolerance=BOX * size, drawn=silent)
+        return np.array(found.lower), np.array(found.upper)
 
-    def root(self, origin: Floats, cell: Floats) -> tuple[int, Floats]:
-        """Return the start state, and its rows, offset and errors in cells of a lattice."""
-        q, controls = self.start, self.automaton.states[self.automaton.start].controls
+    def roots(self, origin: Floats, cell: Floats) -> list[tuple[int, Floats]]:
+        """Return the level-0 cells' states, rows, offsets and errors in cells of a lattice."""
+        result = []
+        for q, controls in self.cells:
+            rows = self._rows(q, controls)
+            # x − origin is (w·x − w·origin) / w: a divisor of one where there is none.
+            divisor = rows[3] if is_rational(rows) else np.eye(1, rows.shape[1], rows.shape[1] - 2)
+            shift = origin[:, None] * divisor
+            size = np.abs(shift[:, :-2]) @ self._sizes(q) + np.abs(shift[:, -2])
+            shift[:, -1] = -np.abs(shift[:, -1]) - ROUNDED * size
+            result.append((q, np.vstack([(rows[:3] - shift) / cell[:, None], rows[3:]])))
+        return result
+
+    def _sizes(self, q: int) -> Floats:
+        return np.asarray(np.maximum(np.abs(self.held.lower[q]), np.abs(self.held.upper[q])))
+
+    def _rows(self, q: int, controls: Floats) -> Floats:
+        """Return how the controls' rows depend on a state's coordinates, offsets and errors."""
         z, width = controls[:, :-1] - controls[:, -1:], controls.shape[1] - 1
         X, c = self.weights.bases[q], self.weights.centres[q]
-        rows = np.zeros((3, X.shape[1]))
-        rows[:] = z @ X[:width]
+        rows = z @ X[:width]
         place = z @ c[:width] + controls[:, -1]
         # Y·X is nearly one; by how much it is not shows in rows·y.
         Y = (self.weights.controls[q][:-1] - self.weights.controls[q][-1]).T
         size = np.abs(Y) @ np.abs(X[:width])
         defect = np.abs(Y @ X[:width] - np.eye(len(X))) + (len(X) + 8) * EPSILON * size
-        reach = np.maximum(np.abs(self.held.lower[q]), np.abs(self.held.upper[q]))
+        reach = self._sizes(q)
         sizes = np.abs(z) @ np.abs(X[:width])
         error = 2 * sizes @ (defect @ reach + (len(X) + 8) * EPSILON * reach)
         error += (len(X) + 8) * EPSILON * (np.abs(z) @ np.abs(c[:width]) + np.abs(place))
-        return q, np.column_stack([rows, place - origin, error]) / cell[:, None]
+        return np.column_stack([rows, place, error])
 
 
 def _drawn(automaton: Automaton, drawings: tuple[Drawing, ...]) -> tuple[Drawing, ...]:
@@ -226,14 +248,18 @@ def _drawn(automaton: Automaton, drawings: tuple[Drawing, ...]) -> tuple[Drawing
 
 @lru_cache(maxsize=8)
 def _limit(automaton: Automaton, drawings: tuple[Drawing, ...]) -> _Limit:
-    """Return what is known of the limit of an automaton's start."""
+    """Return what is known of the limit of an automaton's level-0 cells."""
     drawn = _drawn(automaton, drawings)
     part, ends = _endless(automaton, drawn)
     weights = weights_of(part)
     held = _narrow(weights, intervals(weights))
-    start = part.states.index(automaton.start)
+    cells = tuple(
+        (part.states.index(group.state), points)
+        for group in automaton.level_zero
+        for points in group.points
+    )
     weighed = _weighed(weights, held, tuple(bool(own) for own in ends))
-    return _Limit(automaton, drawn, weights, held, weighed, start, ends)
+    return _Limit(automaton, drawn, weights, held, weighed, cells, ends)
 
 
 def _endless(
@@ -248,7 +274,8 @@ def _endless(
             corners = states[q].controls @ drawings[q].corners
             states.append(State(f"{states[q].name}, drawn", corners))
     drawn = dict.fromkeys(range(len(automaton.states)), ())
-    part, _ = endless(Automaton(tuple(states), tuple(transitions), automaton.start), drawn)
+    extended = Automaton(tuple(states), tuple(transitions), automaton.start, automaton.roots)
+    part, _ = endless(extended, drawn)
     ends = tuple(tuple(_ends(automaton, drawings, q)) for q in part.states)
     return part, ends
 
@@ -307,12 +334,14 @@ def _weighed(weights: Weights, held: Intervals, ended: tuple[bool, ...]) -> Weig
 class _Window(Window):
     """A window that the cells of a limit are descended in."""
 
-    def descent(self, limit: _Limit, root: tuple[int, Floats], marks: NDArray[np.uint8]) -> Descent:
+    def descent(
+        self, limit: _Limit, roots: list[tuple[int, Floats]], marks: NDArray[np.uint8]
+    ) -> Descent:
         """Return a descent that marks this window's cells."""
         from porous.kernels.cell_cover import Descent
 
         reach = np.array([_margin(limit, own, self.spacing) for own in limit.ends])
-        return Descent(marks, self.start, self.spacing, limit.weighed._replace(reach=reach), root)
+        return Descent(marks, self.start, self.spacing, limit.weighed._replace(reach=reach), roots)
 
     def marked(self, descent: Descent, size: float, *, whole: bool) -> NDArray[np.uint8]:
         """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
@@ -343,7 +372,7 @@ def _ended(
     limit: _Limit, descent: Descent, frame: Frame
 ) -> Iterator[tuple[NDArray[np.uint64], float]]:
     """Yield the marks, with their bounds, of the cells that end below those that were opened."""
-    spacing, origin = np.array(frame.spacing), np.array(frame.origin)
+    spacing, origin = np.array(frame.spacing)[:, None], np.array(frame.origin)[:, None]
     for owners, nodes in descent.opened:
         n = nodes.shape[2] - 2
         for q, ends in enumerate(limit.ends):
@@ -351,7 +380,7 @@ def _ended(
             for end in ends if len(opened) else ():
                 y = limit.weights.controls[q].T @ end.matrix
                 places = product(opened[:, :, :n], y) + opened[:, :, n, None]
-                points = places * spacing[:, None] + origin[:, None]
+                points = scaled(places, spacing, origin)
                 count = len(points)
                 simplices = max(1, limit.drawings[end.state].simplices)
                 check_memory(count * simplices * SIMPLEX_BYTES, f"{count} cells", "Fewer voxels.")
@@ -365,7 +394,7 @@ def _net(limit: _Limit, frame: Frame, reach: float) -> Net:
 
     def mark(window: Window, marks: NDArray[np.uint8], size: float, *, whole: bool) -> None:
         own = _Window(window.start, window.shape, window.spacing)
-        root = limit.root(np.array(frame.origin), window.spacing)
-        own.marked(own.descent(limit, root, marks), size, whole=whole)
+        roots = limit.roots(np.array(frame.origin), window.spacing)
+        own.marked(own.descent(limit, roots, marks), size, whole=whole)
 
     return Net.about(frame, reach, limit.box, mark)

@@ -19,6 +19,7 @@ from porous.models import primitive as primitives
 from porous.models.automaton import product
 from porous.models.pieces import Pieces
 from porous.models.primitive import Primitive
+from porous.models.rational import positions
 from porous.models.sections import Section
 from porous.models.simplices import HEXA_FACES, Simplices, hexa_tets, octa_tets
 from porous.values.value import Value, frozen, frozen_whole
@@ -364,8 +365,8 @@ def _simplices(drawing: Drawing, points: Floats, births: Indices) -> Simplices:
 
 
 def _mixed(drawing: Drawing, points: Floats) -> Floats:
-    """Return the points (k, p, 3) of cells with controls (k, 3, m)."""
-    return np.swapaxes(product(points, drawing.mix), 1, 2)
+    """Return the points (k, p, 3) of cells with controls (k, 3 or 4, m)."""
+    return np.swapaxes(positions(product(points, drawing.mix)), 1, 2)
 
 
 def _listed(value: object) -> object:

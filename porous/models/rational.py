@@ -103,6 +103,11 @@ def positions(controls: Floats) -> Floats:
     return np.asarray(controls[..., :3, :] / weights)
 
 
-def scaled(controls: Floats, factor: float) -> Floats:
-    """Return controls ``factor`` times as far from the origin; weights stay."""
-    return np.vstack([controls[:3] * factor, controls[3:]])
+def scaled(controls: Floats, factor: Floats | float, shift: Floats | float = 0.0) -> Floats:
+    """Return the controls (…, 3 or 4, m) of all x moved to factor·x + shift; weights stay.
+
+    ``factor`` and ``shift`` are one number each, or three (3, 1).
+    """
+    weights = controls[..., 3:, :]
+    moved = controls[..., :3, :] * factor + shift * (weights if is_rational(controls) else 1.0)
+    return np.concatenate([moved, weights], axis=-2)
