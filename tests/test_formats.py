@@ -148,12 +148,14 @@ def folder(tmp_path_factory):
 
 def test_every_file_of_the_folder_is_a_format():
     place = Path(porous.formats.__file__).parent
-    helpers = {"gate", "__init__", "_registry", "_vtk"}
+    helpers = {"gate", "__init__", "_registry", "_vtk", "_elements"}
     stems = {path.stem for path in place.glob("*.py")} - helpers
     rows = formats.formats()
     assert {row.suffix[1:] for row in rows} == stems
     assert [row.suffix for row in rows] == sorted(row.suffix for row in rows)
-    assert {".stl", ".ply", ".obj", ".vti", ".vtu", ".npz"} <= {row.suffix for row in rows}
+    assert {".stl", ".ply", ".obj", ".vti", ".vtu", ".npz", ".inp", ".msh"} <= {
+        row.suffix for row in rows
+    }
     for row in rows:
         assert (row.reads is None) == (row.read is None)
         assert bool(row.writes) == (row.write is not None)
@@ -275,7 +277,7 @@ def test_stl_keeps_seven_digits_of_a_surface_wherever_it_lies(folder, surface, s
 def test_the_same_value_gives_the_same_bytes(row):
     samples = {VoxelGrid: noise((40, 50, 60)), SurfaceMesh: ball(), VolumeMesh: two_cells()}
     values = [samples[kind] for kind in row.writes if kind in samples]
-    assert values
+    assert values or not row.writes
     for value in values:
         first = b"".join(row.write(value))
         assert first == b"".join(row.write(pickle.loads(pickle.dumps(value))))

@@ -1,11 +1,16 @@
 """Coarse meshes of hexahedra: the value, and files of others from which it comes."""
 
 import pickle
+from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from porous.errors import MeshError
+from porous import formats
+from porous.errors import FormatError, FormatWarning, MeshError
 from porous.values import Block, HexMesh, VolumeMesh
 
 CORNERS = np.array(
@@ -77,3 +82,128 @@ def test_a_volume_mesh_with_other_cells_has_no_hexahedral_mesh():
         HexMesh.of_volume(VolumeMesh(CORNERS, (tets, Block("hex8", np.arange(8)[None]))))
     with pytest.raises(MeshError, match="no hexahedra"):
         HexMesh.of_volume(VolumeMesh(CORNERS, ()))
+
+
+# --- files that Gmsh made ----------------------------------------------------------------------
+
+GMSH = Path(__file__).parent / "gmsh"
+BENT = ("hexahedra-20.msh", "hexahedra-20.inp", "hexahedra-27.msh")
+STRAIGHT = ("text-2.msh", "binary-2.msh", "text-4.msh", "binary-4.msh", "parametric-4.msh")
+STRAIGHT += ("groups.msh", "bricks.inp")
+
+
+def expected_bricks():
+    """Return the corner sets of the two bricks' cells, as ``gmsh/make.py`` divides them."""
+    sides = [np.array([0, 2, 3]), np.linspace(0, 3, 3), np.linspace(0, 1, 4)]
+    at = [np.stack([side[:-1], side[1:]], axis=1) for side in sides]
+    return {
+        tuple(sorted((x, y, round(z, 9)) for x in a for y in b for z in c))
+        for a in at[0].tolist()
+        for b in at[1].tolist()
+        for c in at[2].tolist()
+    }
+
+
+def found_bricks(mesh):
+    return {tuple(sorted(map(tuple, cell.round(9).tolist()))) for cell in cubes(mesh)}
+
+
+@pytest.mark.parametrize("name", STRAIGHT + BENT)
+@pytest.mark.filterwarnings("ignore:.*are read by their corners:porous.errors.FormatWarning")
+def test_bricks_of_gmsh(name):
+    volume = formats.read(GMSH / name)
+    mesh = HexMesh.of_volume(volume)
+    assert (len(mesh.points), len(mesh.hexahedra)) == (36, 12)
+    assert found_bricks(mesh) == expected_bricks()
+    assert volume.volumes == pytest.approx(np.where(cubes(mesh)[..., 0].max(axis=1) > 2, 0.5, 1.0))
+
+
+@pytest.mark.parametrize("name", BENT)
+def test_curved_hexahedra_are_read_by_their_corners_and_it_is_said(name):
+    with pytest.warns(FormatWarning, match="12 hexahedra of more than 8 nodes are read by their c"):
+        formats.read(GMSH / name)
+
+
+def test_curved_tetrahedra_of_gmsh_have_their_midpoints_in_our_order():
+    mesh = formats.read(GMSH / "tetrahedra-10.msh")
+    assert mesh.volumes.sum() == pytest.approx(9.0)
+    corners = mesh.points[mesh.blocks[0].cells]
+    for middle, (a, b) in enumerate(((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)), 4):
+        assert corners[:, middle] == pytest.approx((corners[:, a] + corners[:, b]) / 2)
+    with pytest.raises(MeshError, match="got 72 tet10; wanted hexahedra"):
+        HexMesh.of_volume(mesh)
+
+
+@pytest.mark.parametrize("name", ["prisms.msh", "prisms-2.msh"])
+def test_prisms_of_gmsh_are_refused_by_name(name):
+    with pytest.raises(FormatError, match="element type: got '6 prism'; wanted hexahedra or tetr"):
+        formats.read(GMSH / name)
+
+
+# --- files that meshio makes -------------------------------------------------------------------
+
+WRITERS = {
+    "gmsh22, text": (".msh", {"file_format": "gmsh22", "binary": False}),
+    "gmsh22, binary": (".msh", {"file_format": "gmsh22", "binary": True}),
+    "gmsh, text": (".msh", {"file_format": "gmsh", "binary": False}),
+    "gmsh, binary": (".msh", {"file_format": "gmsh", "binary": True}),
+    "abaqus": (".inp", {"file_format": "abaqus"}),
+    "vtu, text": (".vtu", {"file_format": "vtu", "binary": False}),
+    "vtu, packed": (".vtu", {"file_format": "vtu", "binary": True}),
+    "vtu, unpacked": (".vtu", {"file_format": "vtu", "binary": True, "compression": None}),
+}
+
+
+@st.composite
+def meshes(draw):
+    """Return hexahedra with points that no cell uses, in any order, and quadrangles before."""
+    mesh = brick(draw(st.tuples(*[st.integers(1, 3)] * 3)), seed=draw(st.integers(0, 99)))
+    order = draw(st.permutations(range(len(mesh.points) + 2)))
+    points = np.zeros((len(order), 3))
+    points[order[2:]] = mesh.points
+    cells = np.array(order[2:])[mesh.hexahedra]
+    return mesh, meshio.Mesh(points, [("quad", cells[:2, :4]), ("hexahedron", cells)])
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@given(pair=meshes())
+@settings(max_examples=15)
+def test_hexahedra_of_meshio(tmp_path_factory, name, pair):
+    suffix, options = WRITERS[name]
+    mesh, theirs = pair
+    path = tmp_path_factory.mktemp("meshio") / f"theirs{suffix}"
+    if options["file_format"] == "gmsh":  # it wants to be told of what entities quadrangles are
+        theirs.cells = theirs.cells[1:]
+    theirs.write(path, **options)
+    ours = HexMesh.of_volume(formats.read(path))
+    assert len(ours.points) == len(mesh.points)
+    assert cubes(ours) == pytest.approx(cubes(mesh), rel=0, abs=1e-10)  # text has eleven digits
+
+
+@pytest.mark.parametrize(
+    ("name", "nodes"),
+    [(name, nodes) for name in WRITERS for nodes in (20, 27) if (name, nodes) != ("abaqus", 27)],
+)
+def test_curved_hexahedra_of_meshio(tmp_path, name, nodes):
+    suffix, options = WRITERS[name]
+    rng = np.random.default_rng(nodes)
+    points = np.concatenate([CORNERS * [1.0, 2, 3], rng.uniform(0, 1, (nodes - 8, 3))])
+    cells = [(f"hexahedron{nodes}", np.arange(nodes)[None])]
+    meshio.Mesh(points, cells).write(tmp_path / f"theirs{suffix}", **options)
+    with pytest.warns(FormatWarning, match="1 hexahedra of more than 8 nodes"):
+        ours = HexMesh.of_volume(formats.read(tmp_path / f"theirs{suffix}"))
+    assert ours == HexMesh(points[:8], np.arange(8)[None])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "nodes"),
+    [(name, "wedge", 6) for name in WRITERS]
+    + [(name, "pyramid", 5) for name in WRITERS if name != "abaqus"],
+)
+def test_other_volumes_of_meshio_are_refused(tmp_path, name, kind, nodes):
+    suffix, options = WRITERS[name]
+    path = tmp_path / f"theirs{suffix}"
+    cells = [(kind, np.arange(nodes)[None])]
+    meshio.Mesh(CORNERS.astype(float), cells).write(path, **options)
+    with pytest.raises(FormatError, match=r"(prism|wedge|pyramid|C3D6)'; wanted (hexa|C3D8)"):
+        formats.read(path)

@@ -156,6 +156,107 @@ def header(descr="|u1", shape=(5, 6, 7), order=False):
     return repr({"descr": descr, "fortran_order": order, "shape": shape})
 
 
+HEX_POINTS = np.array([[x, y, z] for z in (0, 5) for y in (0, 3) for x in (0, 2)], dtype=float)
+HEX = [1, 2, 4, 3, 5, 6, 8, 7]
+
+
+def text_rows(rows):
+    return "".join(", ".join(map(str, row)) + "\n" for row in rows)
+
+
+def inp(
+    *, head="", points=HEX_POINTS, numbers=range(1, 9), kind="C3D8", cells=((1, *HEX),), tail=""
+):
+    """Return a deck of one hexahedron, but for what is changed."""
+    nodes = [(number, *point) for number, point in zip(numbers, np.asarray(points), strict=True)]
+    return (
+        f"*HEADING\nit\n** a word\n{head}*NODE, NSET=all\n{text_rows(nodes)}"
+        f"*Element, type={kind}, elset=Solid\n{text_rows(cells)}{tail}"
+    ).encode()
+
+
+MSH2 = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+{count}
+{nodes}
+$EndNodes
+$Elements
+{total}
+{elements}
+$EndElements
+"""
+MSH4 = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$Entities
+0 0 0 1
+1 0 0 0 2 3 5 0 0
+$EndEntities
+$Nodes
+{blocks} {count} 1 {count}
+3 1 {parametric} {count}
+{labels}
+{places}
+$EndNodes
+$Elements
+2 {total} 1 2
+2 1 3 1
+1 1 2 4 3
+3 1 {kind} 1
+{cell}
+$EndElements
+"""
+CELL = " ".join(map(str, HEX))
+PLACES = "\n".join(" ".join(map(str, point)) for point in HEX_POINTS.tolist())
+NODES = "\n".join(f"{i} {line}" for i, line in enumerate(PLACES.split("\n"), 1))
+
+
+def msh2(**changes):
+    """Return a quadrangle and a hexahedron in text of version 2.2, but for what is changed."""
+    elements = f"1 3 2 0 1 1 2 4 3\n2 5 2 0 1 {CELL}"
+    parts = {"count": 8, "nodes": NODES, "total": 2, "elements": elements}
+    return MSH2.format(**{**parts, **changes}).encode()
+
+
+def msh4(**changes):
+    """Return the same in version 4.1."""
+    parts = {"blocks": 1, "count": 8, "parametric": 0, "places": PLACES, "total": 2, "kind": 5}
+    parts |= {"labels": "\n".join(map(str, range(1, 9))), "cell": f"2 {CELL}"}
+    return MSH4.format(**{**parts, **changes}).encode()
+
+
+def packed_msh2(end="<", *, count=8, follow=1, tags=2, total=2, kind=5, one=1, more=b""):
+    """Return the same in binary of version 2.2."""
+    table = np.zeros(8, [("number", f"{end}i4"), ("place", f"{end}f8", 3)])
+    table["number"], table["place"] = np.arange(1, 9), HEX_POINTS
+    words = [3, 1, 2, 1, 0, 1, 1, 2, 4, 3, kind, follow, tags, 2, 0, 1, *HEX]
+    return (
+        b"$MeshFormat\n2.2 1 8\n%s\n$EndMeshFormat\n" % np.array(one, f"{end}i4").tobytes()
+        + b"$Nodes\n%d\n%s\n$EndNodes\n" % (count, table.tobytes())
+        + b"$Elements\n%d\n%s%s\n$EndElements\n"
+        % (total, np.array(words, f"{end}i4").tobytes(), more)
+    )
+
+
+def packed_msh4(end="<", *, size=8, blocks=1, count=8, cells=1, kind=5, dimension=3, parametric=0):
+    """Return the same in binary of version 4.1, its sizes of 8 bytes or of 4."""
+
+    def sizes(*numbers):
+        return np.array(numbers, f"{end}u{size}").tobytes()
+
+    def ints(*numbers):
+        return np.array(numbers, f"{end}i4").tobytes()
+
+    nodes = sizes(blocks, 8, 1, 8) + ints(dimension, 1, parametric) + sizes(count)
+    nodes += sizes(*range(1, 9)) + HEX_POINTS.astype(f"{end}f8").tobytes()
+    elements = sizes(2, 2, 1, 2) + ints(2, 1, 3) + sizes(1, 1, 1, 2, 4, 3)
+    elements += ints(3, 1, kind) + sizes(cells, 2, *HEX)
+    head = b"$MeshFormat\n4.1 1 %d\n%s\n$EndMeshFormat\n" % (size, ints(1))
+    return head + b"$Nodes\n%s\n$EndNodes\n$Elements\n%s\n$EndElements\n" % (nodes, elements)
+
+
 GOOD = {
     "stl": (".stl", stl()),
     "stl-text": (".stl", text_stl()),
@@ -172,6 +273,14 @@ GOOD = {
     "vti-appended": (".vti", appended_vti()),
     "vti-ours": (".vti", written(GRID, ".vti")),
     "vtu-ours": (".vtu", written(VOLUME, ".vtu")),
+    "inp-text": (".inp", inp(tail="*STEP\n*STATIC\n*END STEP\n")),
+    "inp-ours": (".inp", written(VOLUME, ".inp")),
+    "msh-2-text": (".msh", msh2()),
+    "msh-2-packed": (".msh", packed_msh2()),
+    "msh-2-big": (".msh", packed_msh2(">")),
+    "msh-4-text": (".msh", msh4()),
+    "msh-4-packed": (".msh", packed_msh4()),
+    "msh-4-big": (".msh", packed_msh4(">", size=4)),
     "npz-stored": (".npz", npz(method=zipfile.ZIP_STORED)),
     "npz-ours": (".npz", written(GRID, ".npz")),
 }
@@ -564,6 +673,169 @@ VTU = {
     "blocks 1e15": (field("Int64", "blocks", 2, 10**15, "10 1"), "blocks: got '2 numbers'"),
     "document type": (b"<!DOCTYPE a []>" + vtu(), "document types and entities are not read"),
 }
+
+
+def is_a_brick(value):
+    return value.volumes.tolist() == [30.0]
+
+
+ONE = ((1, *HEX),)
+SPREAD = inp().replace(b"1, 1, 2, 4, 3", b"1, 1, 2,\n** in between\n 4, 3")
+FOLLOWS = "a name, and no comma at the end"
+INP = {
+    "one cell": (inp(), is_a_brick),
+    "numbers far apart": (
+        inp(numbers=np.arange(8, 0, -1) * 10**12, cells=[(1, *(10**12 * (9 - np.array(HEX))))]),
+        is_a_brick,
+    ),
+    "another file": (inp(head="*INCLUDE, INPUT=/etc/passwd\n"), "got '.INCLUDE'; wanted all of"),
+    "another file, in small": (inp(tail="*include,input=more.inp\n"), "got '.INCLUDE'; wanted"),
+    "nodes of another file": (
+        inp(head="*NODE, INPUT=/etc/passwd\n"),
+        "NODE INPUT: got '/etc/passwd'; wanted all of the deck in one file",
+    ),
+    "elements of another file": (inp(tail="*ELEMENT, TYPE=C3D8, INPUT=x\n"), "INPUT: got 'x'"),
+    "instances": (inp(head="*Instance, name=a, part=b\n"), "got '.INSTANCE'; wanted a deck with"),
+    "another system": (inp(head="*SYSTEM\n0,0,0,1,1,1\n"), "got '.SYSTEM'; wanted nodes in"),
+    "cylindrical": (inp().replace(b"NSET=all", b"SYSTEM=C"), "NODE SYSTEM: got 'C'; wanted R"),
+    "nodes to be made": (inp(tail="*NGEN\n1,8,1\n"), "got '.NGEN'; wanted every node written"),
+    "elements to be made": (inp(tail="*ELGEN\n1,8\n"), "got '.ELGEN'; wanted every element"),
+    "nan": (inp(points=HEX_POINTS * np.nan), "volume mesh points: point 0 is .nan"),
+    "inf": (inp(points=HEX_POINTS + np.inf), "volume mesh points: point 0 is .inf"),
+    "words": (inp().replace(b"5.0", b"five", 1), "NODE: got 'five'; wanted a number"),
+    "Fortran's exponents": (inp().replace(b"5.0", b"5.D+00"), is_a_brick),
+    "commas": (inp().replace(b"5.0", b"5,0"), "NODE: line 6: got .*5 0.*; wanted 4 numbers"),
+    "two coordinates": (inp().replace(b", 5.0", b"", 1), "NODE: line 6: got .*; wanted 4"),
+    "an empty coordinate": (inp().replace(b"0.0, 5.0", b", 5.0", 1), "NODE: line 6: got"),
+    "a node twice": (inp(numbers=[1, 2, 3, 4, 5, 6, 7, 7]), "got 'number 7 twice'; wanted each"),
+    "a node in halves": (inp(numbers=np.arange(8) / 2), "NODE: got 0.5; wanted a whole number"),
+    "a node of 1e300": (inp(numbers=np.arange(8) * 1e300), "NODE: got 1e.300; wanted a whole"),
+    "a node that is not there": (inp(cells=[(1, *HEX[:7], 9)]), "node 9; it is not among 8 nodes"),
+    "a node below zero": (inp(cells=[(1, *HEX[:7], -1)]), "node -1; it is not among 8 nodes"),
+    "an element twice": (inp(cells=ONE * 2), "ELEMENT: a number stands twice"),
+    "an element in lines": (SPREAD, is_a_brick),
+    "an element too short": (inp(cells=[(1, *HEX[:7])]), "C3D8: line 2: got '1 .*wanted 9 num"),
+    "an element too long": (inp(cells=[(1, *HEX, 1)]), "ELEMENT of C3D8: line 2: got"),
+    "an element that ends in the next": (
+        inp(cells=[(1, *HEX[:7]), (2, *HEX, 3), (3, *HEX)]),
+        "ELEMENT of C3D8: line 3: got",
+    ),
+    "elements by twos": (inp(cells=[(1, *HEX, 2, *HEX)]), "ELEMENT of C3D8: line 2: got"),
+    "prisms": (inp(kind="C3D6"), "ELEMENT TYPE: got 'C3D6'; wanted C3D8, C3D20, C3D4"),
+    "no type": (inp().replace(b"type=", b"kind="), "ELEMENT TYPE: got ''; wanted C3D8"),
+    "a type unknown": (inp(kind="U1"), "ELEMENT TYPE: got 'U1'; wanted C3D8"),
+    "shells": (inp(kind="S8R"), "no volume elements; wanted hexahedra or tetrahedra"),
+    "shells too": (inp(tail="*ELEMENT, TYPE=S4R\n1, 1, 2, 4, 3\n"), is_a_brick),
+    "heat": (inp(kind="dc3d8"), is_a_brick),
+    "twenty nodes": (inp(kind="C3D20R", cells=[(1, *HEX, *HEX, *HEX[:4])]), is_a_brick),
+    "twenty-seven nodes": (inp(kind="C3D27", cells=[(1, *HEX * 3, *HEX[:3])]), is_a_brick),
+    "no nodes": (inp().replace(b"*NODE", b"*KNOT"), "node 1; it is not among 0 nodes"),
+    "no elements": (inp().replace(b"*Element", b"*Elephant"), "no volume elements"),
+    "node output is no node": (inp(tail="*NODE OUTPUT\nU\n*ELEMENT OUTPUT\nS\n"), is_a_brick),
+    "a card in lines": (inp().replace(b"C3D8, ", b"C3D8, \r\n "), is_a_brick),
+    "a card that swallows data": (inp().replace(b"=Solid", b"=Solid,"), FOLLOWS),
+    "a card of 1 MB": (b"*" + b"x" * 10**6 + inp(), is_a_brick),
+    "a card of many lines": (b"*NODE,\n" + b"a,\n" * 10**5, "a card of more than 4096 char"),
+    "a word of 1 MB": (inp().replace(b"5.0", b"5" * 10**6), "NODE: got a word of more than 64"),
+    "nothing but stars": (b"*\n" * 10**5, "no volume elements"),
+    "nothing but comments": (b"**\n" * 10**5, "no volume elements"),
+    "a null byte": (inp().replace(b"5.0", b"5.0 \0", 1), "NODE: got '.x00'; wanted a number"),
+    "something else": (bytes(range(256)) * 10, "no volume elements"),
+}
+EIGHT = " ".join(["1"] * 8)
+MSH = {
+    "one cell": (msh2(), is_a_brick),
+    "one cell, 4.1": (msh4(), is_a_brick),
+    "an element for each of its groups": (
+        msh2(total=3, elements="".join(f"{i} 5 2 {i} 1 {CELL}\n" for i in (1, 2, 3))),
+        is_a_brick,
+    ),
+    "numbers far apart": (
+        msh2(
+            nodes=NODES.replace("8 ", "9000000000000 "), elements=f"1 5 0 {CELL}", total=1
+        ).replace(b" 8 7\n", b" 9000000000000 7\n"),
+        is_a_brick,
+    ),
+    "nodes 1e12": (msh2(count=10**12), "Nodes would take 4000000000000 numbers; the file has 32"),
+    "nodes 1e12, 4.1": (msh4(count=10**12), "Nodes would take 1000000000000 numbers; the file"),
+    "nodes 1e12, binary": (packed_msh2(count=10**12), "Nodes would take 28000000000000 bytes"),
+    "nodes 1e18, 4.1 binary": (packed_msh4(count=10**18), "Nodes would take 8.* bytes; the file"),
+    "nodes 2^63, 4.1 binary": (packed_msh4(count=2**63), "Nodes: got 9.*; wanted at most 2.63"),
+    "nodes -8": (msh2(count=-8), "Nodes: got -32; wanted zero or more numbers"),
+    "nodes -8, binary": (packed_msh2(count=-8), "Nodes: got -224; wanted zero or more bytes"),
+    "nodes of 5000 digits": (msh2(count="8" * 5000), "Nodes: got a word of more than 64"),
+    "nodes of 5000 digits, binary": (
+        packed_msh2().replace(b"$Nodes\n8\n", b"$Nodes\n" + b"8" * 5000 + b"\n"),
+        "Nodes: got b'888.*; wanted a whole number|Nodes would take",
+    ),
+    "nodes of a word": (msh2(count="many"), "Nodes: got 'many'; wanted a number"),
+    "fewer nodes": (msh2(count=7), "Nodes: got '4 numbers more'; wanted as many as"),
+    "fewer nodes, binary": (packed_msh2(count=7), "Nodes: got '29 bytes more'; wanted as many"),
+    "blocks 1e18": (msh4(blocks=10**15), "Nodes would take 4 numbers; the file has 0 left"),
+    "blocks 1e18, binary": (packed_msh4(blocks=10**18), "Nodes would take 12 bytes; the file has"),
+    "blocks none": (msh4(blocks=0), "the blocks hold -8 nodes beside what the section says"),
+    "elements of other blocks": (msh4(total=7), "the blocks hold -5 elements beside what"),
+    "elements 1e12": (msh2(total=10**12), "Elements would take 3 numbers; the file has 0 left"),
+    "elements 1e12, binary": (packed_msh2(total=10**12), "Elements would take 12 bytes; the file"),
+    "elements 1e18, 4.1 binary": (packed_msh4(cells=10**18), "Elements would take .* bytes; the"),
+    "elements none": (msh2(total=0), "Elements: got '22 numbers more'; wanted as many"),
+    "elements -2": (msh2(total=-2), "Elements: got '22 numbers more'; wanted as many as"),
+    "a run of none": (packed_msh2(follow=0), "elements of one kind: got 0; wanted 1 to 1"),
+    "a run of -1": (packed_msh2(follow=-1), "elements of one kind: got -1; wanted 1 to 1"),
+    "a run of 2^31": (packed_msh2(follow=2**31 - 1), "elements of one kind: got 2147483647;"),
+    "a run beyond the end": (
+        packed_msh2(follow=9 * 10**7, total=10**8),
+        "Elements would take .* bytes; the file has 45 left",
+    ),
+    "tags 1e9": (msh2(elements=f"1 5 1000000000 {CELL}"), "tags of an element: got 1000000000"),
+    "tags -1": (packed_msh2(tags=-1), "tags of an element: got -1; wanted 0 to 511"),
+    "tags beyond the end": (packed_msh2(tags=300), "Elements would take .* bytes; the file has"),
+    "bytes at the end": (packed_msh2(more=b"more"), "Elements: got '. bytes more'; wanted as many"),
+    "a node twice": (msh2(nodes=NODES.replace("8 ", "7 ")), "got 'number 7 twice'; wanted each"),
+    "a node that is not there": (
+        msh2(elements=f"1 5 0 {CELL.replace('8', '9')}", total=1),
+        "an element has node 9; it is not among 8 nodes",
+    ),
+    "a node in halves": (msh4(cell=f"2 {CELL.replace('8', '1.5')}"), "Elements: got 1.5; wanted a"),
+    "nan": (msh2(nodes=NODES.replace("5.0", "nan")), "volume mesh points: point 4 is .*nan"),
+    "words": (msh2(nodes=NODES.replace("5.0", "five")), "Nodes: got 'five'; wanted a number"),
+    "commas": (msh2(nodes=NODES.replace("5.0", "5,0")), "Nodes: got '5,0'; wanted a number"),
+    "points of 3.9 dimensions": (
+        msh4(parametric=1),
+        "Nodes would take 48 numbers; the file has 24",
+    ),
+    "points of -3 dimensions": (
+        packed_msh4(dimension=-3, parametric=1),
+        "dimension of nodes: got -3; wanted 0 to 3",
+    ),
+    "prisms": (msh4(kind=6), "element type: got '6 prism'; wanted hexahedra or tetrahedra"),
+    "prisms, 2.2": (packed_msh2(kind=6), "element type: got '6 prism'; wanted hexahedra"),
+    "a type unknown": (msh4(kind=10**9), "element type: got '1000000000'; wanted hexahedra"),
+    "a type of -5": (packed_msh4(kind=-5), "element type: got '-5'; wanted hexahedra"),
+    "faces alone": (
+        msh2(elements="1 3 2 0 1 1 2 4 3", total=1),
+        "no volume elements; wanted hexahedra or tetrahedra",
+    ),
+    "version 1": (b"$NOD\n1\n1 0 0 0\n$ENDNOD\n", "NOD has no .EndNOD"),
+    "version 3": (msh2().replace(b"2.2 ", b"3.0 "), "MeshFormat: got '3.0 0 8'; wanted version 2"),
+    "version 4.0": (msh4().replace(b"4.1 0", b"4 0"), "MeshFormat: got '4 0 8'; wanted version"),
+    "sizes of 3": (msh4().replace(b"0 8\n", b"0 3\n", 1), "MeshFormat: got '4.1 0 3'; wanted"),
+    "binary of middle order": (packed_msh2(one=256), "MeshFormat: got b.*; wanted a one of four"),
+    "neither text nor binary": (msh2().replace(b"2.2 0", b"2.2 7"), "MeshFormat: got b''; wanted"),
+    "no end of a section": (msh2().replace(b"$EndNodes", b"$endnodes"), "Nodes has no .EndNodes"),
+    "a section twice": (msh2() + msh4(), "MeshFormat stands twice; wanted it once"),
+    "no elements": (msh2()[: msh2().find(b"$El")], "'MeshFormat, Nodes'; wanted Elements"),
+    "a section of others": (b"$Comments\n$Nodes\n$EndComments\n" + msh2(), is_a_brick),
+    "words after a section": (msh2() + b"x", "sections: got 'x'; wanted . and the name"),
+    "a section's name of 1 MB": (b"$" + b"x" * 10**6, "sections: got '.xxx.*; wanted . and"),
+    "many sections": (b"$A\n$EndA\n" * 50_000, "sections: got ''; wanted MeshFormat, Nodes, El"),
+    "blanks": (b" " * 10**6, "sections: got ''; wanted MeshFormat"),
+    "kinds in turns": (
+        msh2(total=20_000, elements=f"1 15 0 1\n2 5 0 {CELL}\n" * 10_000),
+        is_a_brick,
+    ),
+    "something else": (b"GIF89a", "sections: got 'GIF89a'; wanted . and the name of a section"),
+}
 SMALL = npy(head=header(), data=FILL.tobytes())
 NPZ = {
     "pickle": (npz(fill=npy(np.array([[[None]]], dtype=object))), "header of fill: got .*O'"),
@@ -649,6 +921,8 @@ CASES = {
         ".obj": OBJS,
         ".vti": VTI,
         ".vtu": VTU,
+        ".inp": INP,
+        ".msh": MSH,
         ".npz": NPZ,
     }.items()
     for name, (data, expected) in cases.items()
@@ -741,7 +1015,7 @@ def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path):
 
 
 def test_a_file_of_a_terabyte_of_nothing_is_refused(tmp_path):
-    for suffix in (".stl", ".ply", ".vti", ".npz"):
+    for suffix in (".stl", ".ply", ".vti", ".npz", ".inp", ".msh"):
         path = tmp_path / f"sparse{suffix}"
         with path.open("wb") as stream:
             stream.truncate(2**40)
@@ -761,8 +1035,8 @@ def test_a_grid_that_would_not_fit_is_refused(tmp_path, monkeypatch, suffix):
 
 # --- files that are cut short, and bits that flip ----------------------------------------------
 
-SILENT = ("obj",)
-"""Others' OBJ files say nowhere how long they are: one that ends between two lines is whole."""
+SILENT = ("obj", "inp-text", "inp-ours")
+"""Files that say nowhere how long they are: one that ends between two lines is whole."""
 
 
 @pytest.mark.parametrize("name", GOOD)

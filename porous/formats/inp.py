@@ -2,6 +2,10 @@
 
 CalculiX refuses fields longer than 20 characters; sets have at most 16 numbers in a line. Element
 faces are S1, S2, … as ``SHAPES`` lists them. Nodes and elements are numbered from 1.
+
+Read are the nodes and the hexahedra and tetrahedra of decks that stand in one file, without
+instances; hexahedra of 20 and 27 nodes by their corners. Lengths are taken as millimetres. Sets,
+materials and steps are passed over, and so are elements without a volume.
 https://www.dhondt.de/ccx_2.20.pdf
 """
 
@@ -9,12 +13,15 @@ from __future__ import annotations
 
 import re
 import textwrap
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from porous.errors import FormatError
+from porous.formats._elements import Draft, rows
 from porous.formats._registry import Format
+from porous.formats.gate import refuse, whole
 from porous.values import Job, VolumeMesh
 from porous.values.units import length_ratio
 
@@ -23,15 +30,116 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.formats.gate import Source
     from porous.values import Compression, Material, Part
 
 ELEMENTS = {"tet4": "C3D4", "hex8": "C3D8", "tet10": "C3D10"}
 """Element types; VTK's node order is CalculiX's for all of them."""
 
+READ = {
+    "8": ("hex8", 8),
+    "20": ("hex8", 20),
+    "27": ("hex8", 27),
+    "4": ("tet4", 4),
+    "10": ("tet10", 10),
+}
+"""What C3D… is read as, and its nodes."""
+VOLUME = re.compile(r"D?C3D(\d+)[A-Z]*")
+"""Continuum elements, of stress or (D) of heat, with what the letters say of their integration."""
+FLAT = re.compile(
+    r"(S\d|STRI|DS\d|M3D|MAX|CP[SEF]|CG?AX|DCAX|S?AX|DC[12]D|T[23]D|B[23]|PIPE|ELBOW|FRAME"
+    r"|R[23]D|RAX|RB[23]D|SFM|SFMAX|CONN|SPRING|DASHPOT|MASS|ROTARYI|GAP).*"
+)
+"""Elements without a volume of their own: shells, planes, trusses, beams, springs, masses."""
+ELSEWHERE = {
+    "INCLUDE": "all of the deck in one file",
+    "INSTANCE": "a deck without instances: Abaqus/CAE writes it where the model's attribute "
+    '"Do not use parts and assemblies in input files" is set',
+    "SYSTEM": "nodes in the global system",
+    **dict.fromkeys(("NGEN", "NFILL", "NCOPY", "NMAP"), "every node written out"),
+    **dict.fromkeys(("ELGEN", "ELCOPY"), "every element written out"),
+}
+"""Cards without which a mesh would not be what its author meant, and what would be right."""
+CARD = re.compile(rb"^\*(?!\*)", re.MULTILINE)
+COMMENT = re.compile(rb"^\*\*[^\n]*", re.MULTILINE)
+LONGEST = 4096
+"""The longest card, in characters, over all its lines."""
+DATA = bytes.maketrans(b",dD", b" ee")
+"""What parts numbers becomes a blank, Fortran's exponents everybody's."""
+
 SOLID = "SOLID"
 SLAB = 10_000
 PER_LINE = 16
 WIDTH = 78
+
+
+def read(source: Source) -> VolumeMesh:
+    """Read nodes and volume elements; whatever else the deck says is passed over."""
+    draft, labels = Draft(source), []
+    for keyword, options, body in _cards(source.data):
+        if keyword in ELSEWHERE:
+            refuse("card", f"*{keyword}", ELSEWHERE[keyword])
+        if keyword in ("NODE", "ELEMENT") and "INPUT" in options:
+            refuse(f"*{keyword} INPUT", options["INPUT"], "all of the deck in one file")
+        if keyword == "NODE":
+            _read_nodes(draft, options, body)
+        elif keyword == "ELEMENT":
+            labels.append(_read_elements(draft, options, body))
+    if draft.cells and not _all_different(np.concatenate(labels)):
+        raise FormatError("*ELEMENT: a number stands twice; wanted each once")
+    return draft.mesh()
+
+
+def _cards(data: bytes) -> Iterator[tuple[str, dict[str, str], bytes]]:
+    """Give each card's keyword, its options, and the lines of data that follow it."""
+    starts = (match.start() for match in CARD.finditer(data))
+    for start, stop in pairwise(chain(starts, [len(data)])):
+        end = _line_end(data, start, stop)
+        while data[start:end].rstrip().endswith(b",") and end < stop:
+            end = _line_end(data, end + 1, stop)
+            if end - start > LONGEST:
+                raise FormatError(f"a card of more than {LONGEST} characters")
+        first, *words = data[start + 1 : min(end, start + LONGEST)].decode("latin-1").split(",")
+        pairs = (word.partition("=") for word in words)
+        options = {name.strip().upper(): value.strip() for name, _, value in pairs}
+        yield " ".join(first.split()).upper(), options, data[end:stop]
+
+
+def _line_end(data: bytes, start: int, stop: int) -> int:
+    end = data.find(b"\n", start, stop)
+    return stop if end < 0 else end
+
+
+def _read_nodes(draft: Draft, options: dict[str, str], body: bytes) -> None:
+    if (system := options.get("SYSTEM", "R").upper()) != "R":
+        refuse("*NODE SYSTEM", system, "R: nodes as x, y and z")
+    table = rows(_data(body, options, "*NODE"), 4, "*NODE")
+    draft.add_nodes(whole(table[:, 0], "*NODE"), table[:, 1:])
+
+
+def _read_elements(draft: Draft, options: dict[str, str], body: bytes) -> NDArray[np.int64]:
+    """Add the elements of a card to the draft, and return their numbers."""
+    kind = options.get("TYPE", "").upper()
+    if FLAT.fullmatch(kind):
+        return np.zeros(0, np.int64)
+    volume = VOLUME.fullmatch(kind)
+    if volume is None or volume[1] not in READ:
+        refuse("*ELEMENT TYPE", kind, "C3D8, C3D20, C3D4, C3D10 and their kin")
+    shape, nodes = READ[volume[1]]
+    text = _data(body, options, "*ELEMENT")
+    table = whole(rows(text, 1 + nodes, f"*ELEMENT of {kind}", spread=True), "*ELEMENT")
+    draft.add_cells(shape, table[:, 1:])
+    return table[:, 0]
+
+
+def _data(body: bytes, options: dict[str, str], what: str) -> bytes:
+    if lost := next((name for name in options if not name[:1].isalpha()), None):
+        refuse(f"{what}, an option", lost, "a name, and no comma at the end of the card")
+    return COMMENT.sub(b"", body).translate(DATA)
+
+
+def _all_different(labels: NDArray[np.int64]) -> bool:
+    return len(np.unique(labels)) == len(labels)
 
 
 def write(value: Job | VolumeMesh) -> Iterator[bytes]:
@@ -184,6 +292,8 @@ def _lines(*lines: str) -> bytes:
 FORMAT = Format(
     name="CalculiX and Abaqus input deck",
     suffixes=(".inp",),
+    reads=VolumeMesh,
+    read=read,
     writes=(Job, VolumeMesh),
     write=write,
 )

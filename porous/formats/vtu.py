@@ -15,6 +15,7 @@ from xml.etree.ElementTree import SubElement
 import numpy as np
 
 from porous.errors import FormatError
+from porous.formats._elements import note_bent
 from porous.formats._registry import Format
 from porous.formats._vtk import Document, Writer, child, named, unit_of
 from porous.formats.gate import integer, refuse
@@ -62,8 +63,7 @@ def read(source: Source) -> VolumeMesh:
     types, starts, nodes = _cells(document, named(child(piece, "Cells")), count)
     runs = _runs(document, fields, types)
     order = np.concatenate([np.arange(0), *(cells for _, cells in runs)])
-    if bent := int(np.isin(types, [kind for kind in HEXAHEDRA if kind != VOXEL]).sum()):
-        source.note(f"{bent} hexahedra of more than 8 nodes are read by their corners")
+    note_bent(source, int(np.isin(types, [k for k in HEXAHEDRA if k != VOXEL]).sum()))
     return VolumeMesh(
         _points(document, piece),
         tuple(_block(shape, nodes, starts[cells], types[cells]) for shape, cells in runs),
