@@ -227,7 +227,8 @@ class Attractor:
     def stamped(self):
         """Stamp what ``marks`` has room for; return the number of points that were drawn."""
         given = self.automaton, self.balls.tobytes()
-        system, found = cover._system(*given), cover._clouds(*given)  # noqa: SLF001
+        system = cover._system(*given)  # noqa: SLF001
+        found = clouds.clouds(system, min(self.frame.spacing))
         (cloud,) = found
         counts = []
 
@@ -249,21 +250,9 @@ class Attractor:
 
     def covered(self, fine):
         """Return the certified cover down to a part of a voxel's edge, from nothing."""
-        for kept in (cover._system, cover._clouds, cover._known):  # noqa: SLF001
+        for kept in (cover._system, cover._reference, cover._known):  # noqa: SLF001
             kept.cache_clear()
-        marks = np.zeros(self.frame.shape, np.uint8)
-
-        def work(tile, part):
-            # As ``cover_attractor``, but for the arrays of tiles that the set does not come near.
-            start, shape, spacing = map(np.array, (tile.start, tile.shape, tile.spacing))
-            window = cover._Window(start, shape, spacing)  # noqa: SLF001
-            root = cover._root(self.automaton, tile, 1)  # noqa: SLF001
-            here = window.covered(self.automaton, self.balls, root, float(spacing.min()) / fine)
-            if here is not None:
-                marks[part] = here
-
-        self.tiles(work)
-        return marks
+        return cover.cover_attractor(self.automaton, self.balls, self.frame, fine=fine)[0]
 
     def game(self, count, *, bare=False, keep=False):
         """Return what a chaos game of so many points marks, in ``marks`` where these are kept."""

@@ -60,10 +60,14 @@ def window_of(automaton, frame):
     return (state, map_), np.array(frame.shape), np.array(frame.spacing)
 
 
+FINE = 1e-3
+"""Edge of voxels for which clouds have as many points as may be."""
+
+
 def marked(maps, frame):
     automaton, balls, system = system_of(maps)
     marks = np.zeros(frame.shape, np.uint8)
-    found = clouds.clouds(system)
+    found = clouds.clouds(system, min(frame.spacing))
     words = clouds.fitting(system, found, *window_of(automaton, frame))
     clouds.stamp_points(marks, found, words, np.array(frame.spacing))
     return marks, cover.cover_attractor(automaton, balls, frame)[0]
@@ -82,7 +86,7 @@ def test_every_marked_voxel_is_of_the_cover_and_most_of_them_are(name):
 def test_points_of_a_cloud_lie_in_the_attractor(name):
     maps = SYSTEMS[name]
     _, balls, system = system_of(maps)
-    (cloud,) = clouds.clouds(system)
+    (cloud,) = clouds.clouds(system, FINE)
     points = cloud.points.T
     assert 1 <= len(points) <= clouds.POINTS
     assert (np.linalg.norm(points - balls[0, :3], axis=1) <= balls[0, 3] * (1 + 1e-9) + 1e-12).all()
@@ -136,7 +140,7 @@ def test_words_that_fit_a_window(name, voxels, monkeypatch):
     automaton, _, system = system_of(SYSTEMS[name])
     frame = framed(SYSTEMS[name], voxels)
     tile = frame.tile([n // 3 for n in frame.shape], [max(1, n // 2) for n in frame.shape])
-    found = clouds.clouds(system)
+    found = clouds.clouds(system, FINE)
     for window in (frame, tile) if voxels < 100 else (tile,):
         words = clouds.fitting(system, found, *window_of(automaton, window))
         expected = naive_words(system, found, *window_of(automaton, window))
@@ -152,11 +156,11 @@ def test_words_that_fit_a_window(name, voxels, monkeypatch):
 
 
 def test_how_dense_a_cloud_is():
-    (cloud,) = clouds.clouds(system_of(MENGER)[2])
+    (cloud,) = clouds.clouds(system_of(MENGER)[2], FINE)
     assert cloud.points.shape == (3, 8000)
     assert cloud.fineness == pytest.approx(1 / 27, rel=1e-6)
     assert cloud.dimension == pytest.approx(np.log(20) / np.log(3))
-    (single,) = clouds.clouds(system_of(SYSTEMS["one point"])[2])
+    (single,) = clouds.clouds(system_of(SYSTEMS["one point"])[2], FINE)
     assert single.points.shape == (3, 1)
     assert single.dimension == 0
 
@@ -207,7 +211,7 @@ def test_no_more_words_than_points_are_wanted():
     _, _, system = system_of(turned_maps(6, 0.7, 5))
     shape = np.array([40, 41, 42])
     root = (0, np.column_stack([np.eye(3) * 20, np.full(3, 20.0)]))
-    found = clouds.clouds(system)
+    found = clouds.clouds(system, FINE)
     words = clouds.fitting(system, found, root, shape, np.ones(3))
     assert len(words.states) * found[0].points.shape[1] <= (
         clouds.MOST_POINTS * shape.prod() + found[0].points.shape[1]

@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 
 from porous.errors import ModelError
-from porous.kernels.cover import about
+from porous.kernels.cover import held, stretches
 from porous.models import cover as covers
 from porous.models import net
 from porous.models.automaton import Automaton, State, Transition, of_maps
@@ -95,16 +95,38 @@ def furthest_corners(index, frame, tree):
 
 @settings(max_examples=20)
 @given(st.integers(1, 60), st.integers(0, 10**6), st.sampled_from([0.0, 0.3, 2.0]))
-def test_a_ball_about_balls_holds_them_and_is_hardly_too_large(count, seed, spread):
+def test_a_ball_about_images_of_balls_holds_them_and_is_hardly_too_large(count, seed, spread):
     random = np.random.default_rng(seed)
     middles, radii = random.normal(size=(count, 3)), spread * random.random(count)
-    centre, radius = about(middles, radii, middles.mean(axis=0))
-    assert (np.linalg.norm(middles - centre, axis=1) + radii).max() == pytest.approx(radius)
+    maps = np.concatenate([radii[:, None, None] * np.eye(3), middles[:, :, None]], axis=2)
+    unit, block = np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 0.0, 1.0, 1.0, 1.0]])
+    (*centre, radius), box = held((np.zeros(count, int), maps), radii, unit, block)
+    reach = (np.linalg.norm(middles - centre, axis=1) + radii).max()
+    assert reach <= radius <= reach * (1 + 1e-8)
     # One as wide as the whole holds it all if √1.5 times as large (Jung), and so many steps come
     # within an eighth of the smallest.
     gaps = np.linalg.norm(middles[:, None] - middles, axis=2)
     least = max(radii.max(), (gaps + radii[:, None] + radii).max() / 2)
     assert least * (1 - 1e-12) <= radius <= least * 1.5**0.5 * 1.125
+    low, high = (middles - radii[:, None]).min(axis=0), (middles + radii[:, None]).max(axis=0)
+    assert box == pytest.approx(np.concatenate([low + high, high - low]) / 2, abs=1e-8)
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 10**6), st.lists(st.sampled_from([0.0, 1e-160, 0.5, 1.0]), min_size=3))
+def test_maps_stretch_no_more_than_is_said(seed, scales):
+    # Also where two of the singular values are the same, or nearly.
+    random = np.random.default_rng(seed)
+    nearly = np.array(scales[:3]) * (1 + 1e-9 * random.random(3))
+    maps = np.zeros((2, 3, 4))
+    maps[:, :, :3] = (
+        rotation(seed) @ np.diag(nearly) @ rotation(seed + 1),
+        random.normal(size=(3, 3)),
+    )
+    norms = np.linalg.norm(maps[:, :, :3], 2, axis=(1, 2))
+    found = stretches(maps)
+    assert (norms * (1 - 1e-12) <= found).all()
+    assert (found <= norms * (1 + 1e-6)).all()
 
 
 # --- attractors ----------------------------------------------------------------------------
@@ -173,10 +195,10 @@ def test_threads_that_want_the_same_wait_for_one(monkeypatch):
     balls, frame = enclosing_balls(automaton), framed(turned_maps(3, 0.4, 11), (9, 8, 7))
     made = []
 
-    def slowly(system):
+    def slowly(system, edge):
         made.append(system)
         time.sleep(0.05)
-        return clouds(system)
+        return clouds(system, edge)
 
     monkeypatch.setattr(covers, "clouds", slowly)
     with ThreadPoolExecutor(4) as pool:

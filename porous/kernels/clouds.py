@@ -37,18 +37,20 @@ class Words(NamedTuple):
 
 
 @kernel
-def _place(map_, ball, block, shape, spacing, margin):
+def _place(nodes, w, balls, blocks, state, window):
     # Whether a part may be near the window, whether it is inside for certain; its half diagonal.
+    # Arrays are passed whole: a view of a row is a reference that is counted.
+    shape, spacing, margin = window
     near, inside, size = True, True, 0.0
     for a in range(3):
-        middle = other = map_[a, 3]
+        middle = other = nodes[w, a, 3]
         reach = across = 0.0
         for b in range(3):
-            middle += map_[a, b] * ball[b]
-            reach += map_[a, b] ** 2
-            other += map_[a, b] * block[b]
-            across += abs(map_[a, b]) * block[b + 3]
-        reach = np.sqrt(reach) * ball[3]
+            middle += nodes[w, a, b] * balls[state, b]
+            reach += nodes[w, a, b] ** 2
+            other += nodes[w, a, b] * blocks[state, b]
+            across += abs(nodes[w, a, b]) * blocks[state, b + 3]
+        reach = np.sqrt(reach) * balls[state, 3]
         low, high = max(middle - reach, other - across), min(middle + reach, other + across)
         near = near and high > -margin and low < shape[a] + margin
         inside = inside and low > margin and high < shape[a] - margin
@@ -57,59 +59,143 @@ def _place(map_, ball, block, shape, spacing, margin):
 
 
 @kernel
-def _child(node, map_, result):
+def _child(nodes, w, maps, child, result, made):
     for a in range(3):
         for c in range(4):
-            value = node[a, 3] if c == 3 else 0.0
+            value = nodes[w, a, 3] if c == 3 else 0.0
             for b in range(3):
-                value += node[a, b] * map_[b, c]
-            result[a, c] = value
+                value += nodes[w, a, b] * maps[child, b, c]
+            result[made, a, c] = value
 
 
 @kernel
-def _fit(system, window, asked, here, many, states, nodes, sizes, inside):
-    # Level by level, from one of two places for words to the other and back.
+def _move(words, w, result, made):
+    # Words are their states, maps, sizes, and whether they are inside.
+    result[0][made], result[2][made], result[3][made] = words[0][w], words[2][w], words[3][w]
+    for a in range(3):
+        for c in range(4):
+            result[1][made, a, c] = words[1][w, a, c]
+
+
+@kernel
+def _longer(first, targets, maps, states, nodes):
+    count = 0
+    for state in states:
+        count += first[state + 1] - first[state]
+    ends, result, made = np.empty(count, np.int64), np.empty((count, 3, 4)), 0
+    for w in range(len(states)):
+        for child in range(first[states[w]], first[states[w] + 1]):
+            _child(nodes, w, maps, child, result, made)
+            ends[made] = targets[child]
+            made += 1
+    return ends, result
+
+
+def longer(
+    first: Indices, targets: Indices, maps: Floats, words: tuple[Indices, Floats]
+) -> tuple[Indices, Floats]:
+    """Return all words that are one letter longer than these, in their order.
+
+    Parameters
+    ----------
+    first, targets, maps
+        Of a ``System``.
+    words
+        Their end states (k,) and their maps (k, 3, 4).
+    """
+    types = np.int64, np.int64, np.float64, np.int64, np.float64
+    given = zip((first, targets, maps, *words), types, strict=True)
+    ends, found = _longer(*(source(array, dtype) for array, dtype in given))
+    return ends, found
+
+
+@kernel
+def _spread(system, state, finest, states, nodes, points):
+    # Depth first. Every word that waits has a point; the last place is that of the word at hand.
+    first, targets, maps, balls, centres = system
+    room = len(states)
+    states[0], nodes[0] = state, np.eye(3, 4)
+    top, made, largest = 1, 0, 0.0
+    while top:
+        top -= 1
+        state, total = states[top], 0.0
+        for a in range(3):
+            for c in range(4):
+                nodes[room, a, c] = nodes[top, a, c]
+                total += nodes[room, a, c] ** 2 if c < 3 else 0.0
+        size = np.sqrt(total) * balls[state, 3]
+        if size <= finest:
+            for a in range(3):
+                points[a, made] = nodes[room, a, 3]
+                for b in range(3):
+                    points[a, made] += nodes[room, a, b] * centres[state, b]
+            made, largest = made + 1, max(largest, size)
+        elif made + top + first[state + 1] - first[state] > room:
+            return 0, np.inf
+        else:
+            for child in range(first[state], first[state + 1]):
+                _child(nodes, room, maps, child, nodes, top)
+                states[top] = targets[child]
+                top += 1
+    return made, largest
+
+
+def spread(system: System, state: int, finest: float, most: int) -> tuple[Floats, float]:
+    """Return a point of each part of an attractor, (3, n), and the size of the largest part.
+
+    Parts are those of the shortest words of half diagonals up to ``finest``; there are no points,
+    and the size is infinite, where there are more than ``most`` of them.
+    """
+    given = (
+        source(system.first, np.int64),
+        source(system.targets, np.int64),
+        source(system.maps, np.float64),
+        source(system.balls, np.float64),
+        source(system.points, np.float64),
+    )
+    points = np.empty((3, most))
+    words = np.empty(most, np.int64), np.empty((most + 1, 3, 4))
+    made, largest = _spread(given, state, finest, *words, points)
+    return np.ascontiguousarray(points[:, :made]), largest
+
+
+@kernel
+def _fit(system, window, asked, words, waiting, settled, many):
+    # Level by level: of the words, those that are short enough come first, the others wait.
     first, targets, maps, balls, blocks = system
-    shape, spacing, margin = window
     widest, counts, most = asked
+    states, nodes, sizes, inside = words
+    points = 0
+    for w in range(settled):
+        points += counts[states[w]]
     while True:
-        kept, opened, points = 0, 0, 0
-        for w in range(many):
-            state = states[here, w]
-            ball, block = balls[state], blocks[state]
-            near, within, size = _place(nodes[here, w], ball, block, shape, spacing, margin)
-            if not near:
-                continue
-            states[here, kept], sizes[kept], inside[kept] = state, size, within
-            nodes[here, kept] = nodes[here, w]
-            kept += 1
-            if size > widest[state]:
+        wide, opened, wanted = 0, 0, 0
+        for w in range(settled, many):
+            state = states[w]
+            near, inside[w], sizes[w] = _place(nodes, w, balls, blocks, state, window)
+            if near and sizes[w] > widest[state]:
+                _move(words, w, waiting, wide)
+                wide += 1
                 opened += first[state + 1] - first[state]
                 for child in range(first[state], first[state + 1]):
-                    points += counts[targets[child]]
-            else:
-                opened += 1
+                    wanted += counts[targets[child]]
+            elif near:
+                _move(words, w, words, settled)
+                settled += 1
                 points += counts[state]
-        many, wide = kept, False
-        for w in range(many):
-            wide = wide or sizes[w] > widest[states[here, w]]
-        if not wide or points > most:
-            return here, many, 0
-        if opened > len(sizes):
-            return here, many, opened
-        made, other = 0, 1 - here
-        for w in range(many):
-            state = states[here, w]
-            if sizes[w] > widest[state]:
-                for child in range(first[state], first[state + 1]):
-                    _child(nodes[here, w], maps[child], nodes[other, made])
-                    states[other, made] = targets[child]
-                    made += 1
-            else:
-                states[other, made] = state
-                nodes[other, made] = nodes[here, w]
-                made += 1
-        here, many = other, made
+        room = settled + opened <= len(states)
+        if wide == 0 or points + wanted > most or not room:
+            for w in range(wide):
+                _move(waiting, w, words, settled + w)
+            more = 0 if room or points + wanted > most else settled + opened
+            return settled, settled + wide, more
+        many = settled
+        for w in range(wide):
+            state = waiting[0][w]
+            for child in range(first[state], first[state + 1]):
+                _child(waiting[1], w, maps, child, nodes, many)
+                states[many] = targets[child]
+                many += 1
 
 
 def fit(
@@ -152,22 +238,24 @@ def fit(
     )
     window = source(shape, np.int64), source(spacing, np.float64), float(margin)
     asked = source(widest, np.float64), source(counts, np.int64), int(most)
-    room, here, many = ROOM, 0, 1
-    states, nodes = np.empty((2, room), np.int64), np.empty((2, room, 3, 4))
-    states[0, 0], nodes[0, 0] = root
+    words = _room(ROOM)
+    words.states[0], words.maps[0] = root
+    settled, many = 0, 1
     while True:
-        sizes, inside = np.empty(room), np.empty(room, np.bool_)
-        here, many, more = _fit(given, window, asked, here, many, states, nodes, sizes, inside)
+        waiting = _room(len(words.states))
+        settled, many, more = _fit(given, window, asked, words, waiting, settled, many)
+        found = Words._make(field[:many] for field in words)
         if not more:
-            return Words(states[here, :many], nodes[here, :many], sizes[:many], inside[:many])
-        room = 2 * more
-        old, states, nodes = (
-            (states, nodes),
-            np.empty((2, room), np.int64),
-            np.empty((2, room, 3, 4)),
-        )
-        for new, kept in zip((states, nodes), old, strict=True):
-            new[here, :many] = kept[here, :many]
+            return found
+        words = _room(2 * more)
+        for new, field in zip(words, found, strict=True):
+            new[:many] = field
+
+
+def _room(size: int) -> Words:
+    return Words(
+        np.empty(size, np.int64), np.empty((size, 3, 4)), np.empty(size), np.empty(size, np.bool_)
+    )
 
 
 @kernel

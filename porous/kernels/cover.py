@@ -25,6 +25,12 @@ ASKED = 512
 STEPS = 64
 """Steps towards the smallest ball about others."""
 
+TIGHT = 1 + 1e-9
+"""Balls and boxes about others are larger by this against rounding."""
+
+ROOT = 1 + 1e-7
+"""Covers the rounding of a root of a cubic that is nearly a double one."""
+
 
 class System(NamedTuple):
     """Maps by their source state, and what is known of each state's attractor.
@@ -60,19 +66,79 @@ def _about(middles, radii, centre, steps):
     return x, y, z, radius
 
 
-def about(middles: Floats, radii: Floats, start: Floats) -> tuple[Floats, float]:
-    """Return the centre (3,) and the radius of a small ball that holds others.
+@kernel
+def _hold(ends, maps, norms, balls, blocks, middles, radii, block):
+    # The box about the images of balls and boxes, the images' middles and radii.
+    block[:3], block[3:] = np.inf, -np.inf
+    for w in range(len(ends)):
+        q = ends[w]
+        radii[w] = norms[w] * balls[q, 3]
+        for a in range(3):
+            m0, m1, m2, m3 = maps[w, a, 0], maps[w, a, 1], maps[w, a, 2], maps[w, a, 3]
+            middle = m0 * balls[q, 0] + m1 * balls[q, 1] + m2 * balls[q, 2] + m3
+            reach = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * balls[q, 3]
+            other = m0 * blocks[q, 0] + m1 * blocks[q, 1] + m2 * blocks[q, 2] + m3
+            across = abs(m0) * blocks[q, 3] + abs(m1) * blocks[q, 4] + abs(m2) * blocks[q, 5]
+            middles[w, a] = middle
+            block[a] = min(block[a], max(middle - reach, other - across))
+            block[a + 3] = max(block[a + 3], min(middle + reach, other + across))
+    for a in range(3):
+        low, high = block[a], block[a + 3]
+        block[a], block[a + 3] = (low + high) / 2, (high - low) / 2 * TIGHT
+
+
+def held(
+    words: tuple[NDArray[np.int64], Floats], norms: Floats, balls: Floats, blocks: Floats
+) -> tuple[Floats, Floats]:
+    """Return a small ball (4,) and a box (6,) that hold the images of balls and boxes under words.
 
     Parameters
     ----------
-    middles, radii
-        Of the others, (n, 3) and (n,).
-    start
-        Where the centre is sought from, (3,).
+    words
+        Their end states (k,) and their maps (k, 3, 4).
+    norms
+        How far they stretch, at most, (k,).
+    balls, blocks
+        Of each state, as in a ``System``: balls and boxes that hold the same.
     """
-    given = (source(array, np.float64) for array in (middles, radii, start))
-    *centre, radius = _about(*given, STEPS)
-    return np.array(centre), float(radius)
+    ends, maps = source(words[0], np.int64), source(words[1], np.float64)
+    given = (source(array, np.float64) for array in (norms, balls, blocks))
+    middles, radii, block = np.empty((len(ends), 3)), np.empty(len(ends)), np.empty(6)
+    _hold(ends, maps, *given, middles, radii, block)
+    *centre, radius = _about(middles, radii, block, STEPS)
+    return np.array([*centre, radius * TIGHT]), block
+
+
+@kernel
+def _stretches(maps, result):
+    # Roots of the largest eigenvalues of MᵀM, in closed form (Smith 1961), of maps made so large
+    # that no power of their entries is lost.
+    for w in range(len(maps)):
+        scale = 0.0
+        for p in range(3):
+            for q in range(3):
+                scale = max(scale, abs(maps[w, p, q]))
+        if scale == 0.0:
+            result[w] = 0.0
+            continue
+        a, b, c = maps[w, 0, 0] / scale, maps[w, 0, 1] / scale, maps[w, 0, 2] / scale
+        d, e, f = maps[w, 1, 0] / scale, maps[w, 1, 1] / scale, maps[w, 1, 2] / scale
+        g, h, i = maps[w, 2, 0] / scale, maps[w, 2, 1] / scale, maps[w, 2, 2] / scale
+        xx, yy, zz = a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i
+        xy, xz, yz = a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i
+        mean = (xx + yy + zz) / 3
+        xx, yy, zz = xx - mean, yy - mean, zz - mean
+        spread = np.sqrt((xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
+        turn = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+        angle = np.arccos(min(max(turn / 2 / spread**3, -1.0), 1.0)) if spread > 0.0 else 0.0
+        result[w] = scale * np.sqrt(mean + 2 * spread * np.cos(angle / 3)) * ROOT
+
+
+def stretches(maps: Floats) -> Floats:
+    """Return how far maps (k, 3, 4) stretch at most: bounds on their spectral norms, (k,)."""
+    result = np.empty(len(maps))
+    _stretches(source(maps, np.float64), result)
+    return result
 
 
 @kernel

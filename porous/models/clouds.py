@@ -25,8 +25,15 @@ WANTED = 24
 APART = 1.2
 """One point per occupied voxel has parts of about this half diagonal, in edges of a voxel."""
 
-SMALLER = 0.8
-"""Step by step, the largest parts of a cloud are opened."""
+FINE = 2 / 3
+"""Parts of a cloud are as small as this power of a voxel's size, both over that of the whole.
+
+Few voxels want few points: with a half, a cloud would have as many as there are words to draw it
+under, but a word costs more than a point.
+"""
+
+LARGER = 1.25
+"""Step by step, parts are larger until they are few enough."""
 
 MOST_POINTS = 32
 """Points per voxel of the window beyond which no more words are opened: they overlap."""
@@ -36,10 +43,10 @@ MARGIN = 1e-6
 
 
 class Cloud(NamedTuple):
-    """Points of a state's attractor, in random order, and how far apart they are."""
+    """Points of a state's attractor, one of each small part, and how far apart they are."""
 
     points: Floats
-    """Shape (3, n)."""
+    """Shape (3, n); neighbours in this order are near each other."""
     fineness: float
     """Size of the largest part that has one point, over that of the whole."""
 
@@ -49,10 +56,20 @@ class Cloud(NamedTuple):
         many, fine = self.points.shape[1], self.fineness
         return math.log(many) / -math.log(fine) if many > 1 and 0 < fine < 1 else 0.0
 
+    def thinned(self, share: float) -> Floats:
+        """Return about this share of the points, from everywhere, (3, k)."""
+        count = self.points.shape[1]
+        kept = max(1, math.ceil(share * count))
+        return self.points[:, np.arange(kept) * count // kept]
+
     def per_voxel(self, size: Floats) -> Floats:
         """Return about how many points an occupied voxel gets under words of this half diagonal."""
         parts = np.maximum(size * self.fineness, np.finfo(float).tiny)
         return np.asarray((APART / parts) ** self.dimension)
+
+    def occupied(self, size: float) -> float:
+        """Return about how many voxels the attractor is in, its own half diagonal being so many."""
+        return len(self.points[0]) / float(self.per_voxel(np.array([size]))[0])
 
     @property
     def widest(self) -> float:
@@ -63,47 +80,22 @@ class Cloud(NamedTuple):
         return APART / (self.fineness * math.pow(WANTED, 1 / self.dimension))
 
 
-def clouds(system: System) -> tuple[Cloud, ...]:
-    """Return a cloud of at most ``POINTS`` points for each state."""
-    return tuple(_cloud(system, state) for state in range(len(system.balls)))
+def clouds(system: System, edge: float) -> tuple[Cloud, ...]:
+    """Return a cloud of at most ``POINTS`` points for each state, for voxels of this edge."""
+    return tuple(_cloud(system, state, edge) for state in range(len(system.balls)))
 
 
-def _cloud(system: System, state: int) -> Cloud:
-    states, maps = np.array([state]), np.eye(3, 4)[None]
-    sizes = _sizes(system, states, maps)
-    whole = size = float(sizes.max())
-    while size > 0:
-        wide = sizes >= SMALLER * size
-        fan = system.first[states + 1] - system.first[states]
-        if fan[wide].sum() + (~wide).sum() > POINTS:
-            break
-        opened = _opened(system, states[wide], maps[wide], fan[wide])
-        finer = _sizes(system, *opened)
-        states = np.concatenate([states[~wide], opened[0]])
-        maps = np.concatenate([maps[~wide], opened[1]])
-        sizes = np.concatenate([sizes[~wide], finer])
-        shrunk = float(sizes.max(initial=0.0))
-        if len(states) == 1 and shrunk < whole * np.finfo(float).eps:
-            break
-        size = shrunk
-    points = np.einsum("wab,wb->wa", maps[:, :, :3], system.points[states]) + maps[:, :, 3]
-    points = np.random.default_rng(0).permutation(points)
-    return Cloud(np.ascontiguousarray(points.T), size / whole if whole else 0.0)
+def _cloud(system: System, state: int, edge: float) -> Cloud:
+    from porous.kernels.clouds import spread
 
-
-def _sizes(system: System, states: Indices, maps: Floats) -> Floats:
-    """Return half diagonals of boxes that hold the words' parts."""
-    return np.asarray(np.linalg.norm(maps[:, :, :3], axis=(1, 2)) * system.balls[states, 3])
-
-
-def _opened(system: System, states: Indices, maps: Floats, fan: Indices) -> tuple[Indices, Floats]:
-    """Return all words that are one letter longer, of which each has ``fan``."""
-    parent = np.repeat(np.arange(len(fan)), fan)
-    child = system.first[states[parent]] + np.arange(len(parent))
-    child -= np.repeat(np.cumsum(fan) - fan, fan)
-    finer = maps[parent, :, :3] @ system.maps[child]
-    finer[:, :, 3] += maps[parent, :, 3]
-    return system.targets[child], finer
+    whole = math.sqrt(3) * float(system.balls[state, 3])
+    if not whole:
+        return Cloud(system.points[state][:, None], 0.0)
+    finest, size = whole * min(1.0, (edge / whole) ** FINE), math.inf
+    while math.isinf(size):
+        points, size = spread(system, state, finest, POINTS)
+        finest *= LARGER
+    return Cloud(points, size / whole)
 
 
 def fitting(
@@ -162,5 +154,4 @@ def stamp_points(
             if chosen.any():
                 dense = float(cloud.per_voxel(words.sizes[chosen] / h.min()).mean())
                 share = min(1.0, WANTED / dense) if cloud.dimension else 1.0
-                some = cloud.points[:, : max(1, math.ceil(share * cloud.points.shape[1]))]
-                stamp(marks, words.maps[chosen], some, inside=within)
+                stamp(marks, words.maps[chosen], cloud.thinned(share), inside=within)

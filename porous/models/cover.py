@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -37,12 +38,19 @@ MOST_STEPS = 20_000_000
 STEPS_PER_VOXEL = 300
 """Words that a descent may look at: at least, and per voxel of its window."""
 
+SLAB = 1 << 20
+WORTH = 1 << 12
+"""Cells of a slab, and those of them that are marked, about: fewer are not worth a thread …"""
+
+SLABS = 4
+"""… and that there are so many of for each."""
+
+MOST_CELLS = (1 << 31) - 1
+"""Cells of a slab, at most: they are counted in 32 bits."""
+
 MOST_WORDS = 512
 ROUNDS = 8
 """Words that tighten the enclosures, and how often they do; eight times as many gain 1 %."""
-
-TIGHT = 1 + 1e-9
-"""Enclosures are larger by this against rounding."""
 
 ROUNDING = 1 + 1e-5
 """Covers the kernels' slack."""
@@ -97,12 +105,9 @@ def cover_attractor(
         reach = offset + net.error + frame.diagonal / 2
         masks = net.grown(frame, CENTRE, reach)
         return (masks != 0).view(np.uint8), (frame.diagonal + 2 * net.error) * ROUNDING
-    h = min(frame.spacing)
-    window = _Window.of(frame)
-    marks = window.covered(automaton, balls, _root(automaton, frame, 1), h / fine)
-    if marks is None:
-        marks = window.empty()
-    return marks, (frame.diagonal + 2 * h / fine) * ROUNDING
+    size = min(frame.spacing) / fine
+    marks = _Window.of(frame).covered(automaton, balls, _root(automaton, frame, 1), size)
+    return marks, (frame.diagonal + 2 * size) * ROUNDING
 
 
 def sample_attractor(
@@ -141,27 +146,47 @@ class _Window(Window):
 
     def covered(
         self, automaton: Automaton, balls: Floats, root: tuple[int, Floats], size: float
-    ) -> NDArray[np.uint8] | None:
-        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1.
+    ) -> NDArray[np.uint8]:
+        """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1."""
+        from porous.kernels._shared import slabs
 
-        None where the attractor does not come near: found before there is an array.
-        """
-        given = balls.tobytes()
-        here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
-        system, found = _with_clouds(automaton, given)
-        seeks = overlaps(system)
-        # What is sought may be marked although the attractor is as far as 2 ``size``.
-        reach = 2 * size / float(self.spacing.min()) if seeks else 0.0
-        words = fitting(system, found, (root[0], here), self.shape, self.spacing, reach)
-        if not len(words.states):
-            return None
+        edge = float(self.spacing.min())
+        with _ONE_AT_A_TIME:  # threads that want the same wait for one
+            known = _known(automaton, balls.tobytes(), edge)
         marks = self.empty()
-        stamp_points(marks, found, words, self.spacing)
-        if seeks:
-            self._seek(marks, system, _reference(automaton, given), root, size)
-        else:
-            self._descend(marks, system, root, (size,), whole=True)
+
+        def work(first: int, last: int) -> None:
+            start, shape = self.start.copy(), np.array(marks[first:last].shape)
+            start[0] += first
+            _Window(start, shape, self.spacing).cover(marks[first:last], known, root, size)
+
+        slabs(len(marks), self._thickness(known.occupied(root[0], edge)), work)
         return marks
+
+    def _thickness(self, occupied: float) -> int:
+        """Return of how many planes of cells slabs are, if about so many cells are marked."""
+        from porous.kernels._shared import threads
+
+        planes, across = int(self.shape[0]), int(self.shape[1] * self.shape[2])
+        many = min(SLABS * threads(), planes * across / SLAB, occupied / WORTH)
+        return max(1, min(math.ceil(planes / max(many, 1.0)), MOST_CELLS // across))
+
+    def cover(
+        self, marks: NDArray[np.uint8], known: _Known, root: tuple[int, Floats], size: float
+    ) -> None:
+        """Mark the cells of this window that are touched by boxes of half diagonal ``size``."""
+        here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
+        # What is sought may be marked although the attractor is as far as 2 ``size``.
+        reach = 2 * size / float(self.spacing.min()) if known.reference else 0.0
+        given = known.system, known.clouds, (root[0], here), self.shape, self.spacing
+        words = fitting(*given, reach)
+        # Of a slab that the attractor does not come near, no memory is touched.
+        if len(words.states):
+            stamp_points(marks, known.clouds, words, self.spacing)
+            if known.reference:
+                self._seek(marks, known.system, known.reference, root, size)
+            else:
+                self._descend(marks, known.system, root, (size,), whole=True)
 
     def hold(
         self,
@@ -280,27 +305,31 @@ def _system(automaton: Automaton, given: bytes) -> System:
     return System(first, targets, maps, balls, blocks, points)
 
 
+class _Known(NamedTuple):
+    """What is known of an attractor before it is covered."""
+
+    system: System
+    clouds: tuple[Cloud, ...]
+    """Points of each state's attractor."""
+    reference: Reference | None
+    """The distances from an attractor that is sought backwards."""
+
+    def occupied(self, state: int, edge: float) -> float:
+        """Return about how many voxels of this edge a state's attractor is in."""
+        return self.clouds[state].occupied(math.sqrt(3) * float(self.system.balls[state, 3]) / edge)
+
+
 @lru_cache(maxsize=8)
-def _clouds(automaton: Automaton, given: bytes) -> tuple[Cloud, ...]:
-    """Return points of each state's attractor."""
-    return clouds(_system(automaton, given))
-
-
-def _with_clouds(automaton: Automaton, given: bytes) -> tuple[System, tuple[Cloud, ...]]:
-    """Return what windows are covered with; threads that want the same wait for one."""
-    with _ONE_AT_A_TIME:
-        return _system(automaton, given), _clouds(automaton, given)
+def _known(automaton: Automaton, given: bytes, edge: float) -> _Known:
+    """Return what covers by voxels of this edge are made with."""
+    system = _system(automaton, given)
+    known = _reference(automaton, given) if overlaps(system) else None
+    return _Known(system, clouds(system, edge), known)
 
 
 @lru_cache(maxsize=4)
-def _known(automaton: Automaton, given: bytes) -> Reference:
-    return reference(_system(automaton, given))
-
-
 def _reference(automaton: Automaton, given: bytes) -> Reference:
-    """Return the distances from an attractor; threads that want the same wait for one."""
-    with _ONE_AT_A_TIME:
-        return _known(automaton, given)
+    return reference(_system(automaton, given))
 
 
 def _tightened(
@@ -311,11 +340,13 @@ def _tightened(
     A = ∪ T_w(A) over the words of a length, so what holds the images of a ball or a box under all
     of these holds the attractor; a ball that every map sends into itself is often twice as wide.
     """
+    from porous.kernels.cover import held, stretches
+
     blocks = np.column_stack([balls[:, :3], np.repeat(balls[:, 3:], 3, axis=1)])
     words = [_words(state, first, targets, maps) for state in range(len(balls))]
-    norms = [np.linalg.norm(found[:, :, :3], 2, axis=(1, 2)) for _, found in words]
+    norms = [stretches(found) for _, found in words]
     for _ in range(ROUNDS):
-        found = [_held(*words[q], norms[q], balls, blocks) for q in range(len(balls))]
+        found = [held(*given, balls, blocks) for given in zip(words, norms, strict=True)]
         blocks = np.array([block for _, block in found])
         new = np.array([ball for ball, _ in found])
         balls = np.where(new[:, 3:] < balls[:, 3:], new, balls)
@@ -324,38 +355,15 @@ def _tightened(
 
 def _words(state: int, first: Indices, targets: Indices, maps: Floats) -> tuple[Indices, Floats]:
     """Return the end states (k,) and the maps (k, 3, 4) of a state's words of some length."""
+    from porous.kernels.clouds import longer
+
     ends, found = np.array([state]), np.eye(3, 4)[None]
-    while True:
-        fan = first[ends + 1] - first[ends]
-        if not fan.all() or fan.sum() > MOST_WORDS:
-            return ends, found
-        parent = np.repeat(np.arange(len(ends)), fan)
-        child = first[ends[parent]] + np.arange(len(parent)) - np.repeat(np.cumsum(fan) - fan, fan)
-        step = maps[child]
-        linear = np.einsum("kab,kbc->kac", found[parent, :, :3], step)
-        linear[:, :, 3] += found[parent, :, 3]
-        ends, found = targets[child], linear
+    fan = np.diff(first)
+    while fan[ends].all() and fan[ends].sum() <= MOST_WORDS:
+        ends, found = longer(first, targets, maps, (ends, found))
         if len(ends) == 1 and np.abs(found[0, :, :3]).max() < np.finfo(float).eps:
-            return ends, found
-
-
-def _held(
-    ends: Indices, maps: Floats, norms: Floats, balls: Floats, blocks: Floats
-) -> tuple[Floats, Floats]:
-    """Return a ball (4,) and a box (6,) that hold the images of the ends' balls and boxes."""
-    from porous.kernels.cover import about
-
-    linear, shift = maps[:, :, :3], maps[:, :, 3]
-    middle = np.einsum("kab,kb->ka", linear, balls[ends, :3]) + shift
-    reach = np.linalg.norm(linear, axis=2) * balls[ends, 3:]
-    other = np.einsum("kab,kb->ka", linear, blocks[ends, :3]) + shift
-    across = np.einsum("kab,kb->ka", np.abs(linear), blocks[ends, 3:])
-    lower = np.maximum(middle - reach, other - across).min(axis=0)
-    upper = np.minimum(middle + reach, other + across).max(axis=0)
-    block = np.concatenate([(lower + upper) / 2, (upper - lower) / 2 * TIGHT])
-    radii = norms * balls[ends, 3]
-    centre, radius = about(middle, radii, block[:3])
-    return np.append(centre, radius * TIGHT), block
+            break
+    return ends, found
 
 
 def _point(state: int, first: Indices, targets: Indices, maps: Floats, balls: Floats) -> Floats:
