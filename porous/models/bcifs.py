@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Literal, Self, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from porous.errors import ModelError, nearest
-from porous.models.automaton import COINCIDENT, DEEPEST, check_apart, numbers
-from porous.models.builders import Options, Texture, build_cell, cell_names
+from porous.errors import ModelError
+from porous.models.automaton import COINCIDENT, check_apart, numbers
+from porous.models.bcifs_section import FUSED, BCIFSSection, Contacts, Level, system_of
 from porous.models.cell_attractor import BULK_LEVEL, CellAttractor
 from porous.models.cell_body import CellBody, thinnest
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_system import CellSystem, natural_box
 from porous.models.contraction import check_contracts
-from porous.models.rational import columns, homogeneous, positions, scaled
-from porous.models.sections import BoxSection, DigitsSection, Section
+from porous.models.macro import MacroMesh, automaton_of, with_middles
+from porous.models.macro_places import check_hanging, check_places
+from porous.models.rational import homogeneous, positions, scaled
 from porous.models.solve import solve
-from porous.models.states import StateSection, build_states
 from porous.models.swept_body import Sweep, SweptBody
 
 if TYPE_CHECKING:
@@ -46,136 +45,11 @@ SMALLEST = 1e-30
 FLAT = 1e-6
 """A limit that is thinner than this part of its longest extent lies in a plane."""
 
-FUSED = 0.25
-"""Radius of what fuses contacts where none is given, as a part of the thinnest cell."""
 
-Numbers = Annotated[tuple[float, ...], Field(strict=False, min_length=1)]
-Control = Annotated[tuple[float, ...], Field(strict=False, min_length=3, max_length=4)]
-Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
-Contacts = Literal["apart", "fuse", "shared"]
-Level = int | Literal["limit"]
+def build(section: BCIFSSection, folder: Path) -> CellSystem | CellAttractor:
+    """Return the model of a recipe's section.
 
-
-class TextureSection(Section):
-    """The curve rule of a cell's edges: where their pieces end, and how far these bulge."""
-
-    edge: float | Numbers | None = Field(
-        default=None,
-        description="r: the bulge of each piece of an edge, in parts of the edge's own; one number "
-        "or one for each division",
-    )
-    bump: float | Numbers | None = Field(
-        default=None,
-        description="h: how far each point between pieces lies towards the middle control; one "
-        "number or one for each such point",
-    )
-
-
-class SweepSection(Section):
-    """What is drawn along cells in place of the solid cells."""
-
-    along: Annotated[
-        tuple[
-            Literal["vertices", "edges", "faces", "face-diagonals", "body-diagonals"],
-            ...,
-        ],
-        Field(strict=False, min_length=1),
-    ] = Field(description="some of vertices, edges, faces, face-diagonals, body-diagonals")
-    radius: float | Numbers = Field(
-        description="of the ball that sweeps them, above zero, in unit; or one for each level"
-    )
-
-
-class BCIFSSection(Section):
-    """The ``[model]`` table of a boundary-controlled iterated function system."""
-
-    kind: Literal["bcifs"] = Field(description='"bcifs"')
-    cell: str | None = Field(default=None, description=f"one of {', '.join(cell_names())}")
-    states: Annotated[tuple[StateSection, ...], Field(strict=False, min_length=1)] | None = Field(
-        default=None, description="tables of one's own states, in place of cell"
-    )
-    start: str | None = Field(default=None, description="the name of the level-0 cell's state")
-    level: Annotated[int, Field(ge=0, le=DEEPEST)] | Literal["limit"] = Field(
-        default=2, description='a whole number, zero or more, or "limit"'
-    )
-    digits: (
-        DigitsSection
-        | Annotated[tuple[DigitsSection, ...], Field(strict=False, min_length=1)]
-        | None
-    ) = Field(
-        default=None,
-        description="{ divisions = N, keep = a list or a name }; or a list of these, one for each "
-        "level, of which the last holds below",
-    )
-    keep: dict[str, Names] | None = Field(
-        default=None, description="the names of the children that each state keeps"
-    )
-    texture: (
-        TextureSection
-        | Annotated[tuple[TextureSection, TextureSection, TextureSection], Field(strict=False)]
-        | None
-    ) = Field(
-        default=None,
-        description="{ edge = r, bump = h } of cells with 27 controls; or three of these, for the "
-        "lines along x, y and z",
-    )
-    moves: dict[str, Numbers] = Field(
-        default_factory=dict, description="free points by name, and how far each is moved"
-    )
-    controls: Annotated[tuple[Control, ...], Field(strict=False, min_length=1)] | None = Field(
-        default=None,
-        description="the control points [x, y, z] of the level-0 cell, or [x, y, z, weight]",
-    )
-    size: float | None = Field(
-        default=None,
-        gt=0,
-        description="length of the domain's longest edge before radius and offset, in unit",
-    )
-    unit: Literal["nm", "um", "mm", "cm", "m", "in"] = Field(
-        default="mm", description="nm, um, mm, cm, m or in"
-    )
-    draw: Literal["cell"] | SweepSection = Field(
-        default="cell", description='"cell" or { along = ["edges"], radius = 0.05 }'
-    )
-    offset: float = Field(default=0.0, ge=0, description="a length, zero or more, in unit")
-    contacts: Contacts = Field(default="apart", description='"apart", "fuse" or "shared"')
-    contact_radius: float | None = Field(
-        default=None,
-        gt=0,
-        description=f"a length above zero, in unit; {FUSED:g} of the thinnest cell if left out",
-    )
-    domain: BoxSection | None = Field(
-        default=None, description="{ lower = [x, y, z], upper = [x, y, z] }"
-    )
-    bulk: BoxSection | None = Field(
-        default=None, description="{ lower = [x, y, z], upper = [x, y, z] }"
-    )
-
-    @model_validator(mode="after")
-    def _one_system(self) -> Self:
-        if (self.cell is None) == (self.states is None):
-            got = "both" if self.cell else "neither"
-            raise ValueError(f"got {got} of cell and states; wanted one")
-        if self.cell is not None and self.cell not in cell_names():
-            raise ValueError(f"no cell {self.cell!r}{nearest(self.cell, cell_names())}")
-        if self.states is not None:
-            for name in ("digits", "keep", "texture"):
-                if getattr(self, name) is not None:
-                    raise ValueError(f"{name}: shapes a built-in cell; got states of one's own")
-        if self.cell == "beam" and self.draw == "cell" and self.level != "limit":
-            raise ValueError('draw: wanted { along = ["edges"], radius = … } for cell = "beam"')
-        return self
-
-    def digit_sets(self) -> tuple[DigitSet, ...]:
-        """Return the digit set of each level."""
-        if self.digits is None:
-            return ()
-        listed = self.digits if isinstance(self.digits, tuple) else (self.digits,)
-        return tuple(each.digits() for each in listed)
-
-
-def build(section: BCIFSSection, _: Path) -> CellSystem | CellAttractor:
-    """Return the model of a recipe's section; it reads no files.
+    ``folder`` is where its mesh is looked for.
 
     Raises
     ------
@@ -183,15 +57,15 @@ def build(section: BCIFSSection, _: Path) -> CellSystem | CellAttractor:
         Where there is no such model: constraints that contradict each other (names them), cells
         that do not contract (names the word), control points that coincide, …
     """
-    brep = _brep(section)
-    level = section.level
+    given = system_of(section, folder)
     return bcifs(
-        brep,
-        level=level,
-        controls=None if section.controls is None else columns(section.controls),
+        given.brep,
+        level=section.level,
+        controls=given.controls,
+        cells=given.mesh,
         moves=section.moves,
-        digits=section.digit_sets(),
-        draw=None if isinstance(section.draw, str) else _sweep(section.draw, level),
+        digits=given.digits,
+        draw=section.sweep(),
         domain=section.domain.box() if section.domain else None,
         bulk=section.bulk.box() if section.bulk else None,
         **section.model_dump(include={"size", "unit", "offset", "contacts", "contact_radius"}),
@@ -203,6 +77,7 @@ def bcifs(
     *,
     level: Level = 2,
     controls: ArrayLike | None = None,
+    cells: Sequence[Sequence[int]] | MacroMesh | None = None,
     moves: Mapping[str, ArrayLike] | None = None,
     digits: Sequence[DigitSet] = (),
     draw: Sweep | None = None,
@@ -225,7 +100,11 @@ def bcifs(
     controls
         Control points of the level-0 cell, (3, m), in ``unit``, or (4, m) with weights as the
         fourth row; those of its reference cell where not given. Eight corners serve a cell of 27
-        controls, whose others are put midway.
+        controls, whose others are put midway. Of several level-0 cells, all their controls.
+    cells
+        For each of several level-0 cells the indices of its controls, in the order of the start's
+        reference cell; a mesh of cells of several states. Cells share what they name by the same
+        indices, however their axes lie.
     moves
         Displacements of free points by the names of their sliders; see ``models.solve``.
     digits
@@ -256,10 +135,13 @@ def bcifs(
     solution = solve(brep, moves)
     _check_digits(solution, digits)
     start = brep.states[brep.start]
-    given = _controls(start, controls)
+    macro, given = None, controls
+    if cells is not None:
+        macro, given = _macro(brep, cells, controls)
+    given = _controls(start, given, alone=macro is None)
     limit = level == "limit"
     _check_start(start, drawn=draw is not None or limit)
-    automaton = solution.automaton(given)
+    automaton = automaton_of(solution, given, macro)
     check_contracts(automaton, _letters(brep))
     natural = None if domain and not limit else natural_box(solution, automaton, BOX_TOLERANCE)
     box = domain or natural
@@ -273,7 +155,10 @@ def bcifs(
         unit,
         tuple(digits),
         bulk.scaled(scale) if bulk else None,
+        macro,
     )
+    if system.sharing:
+        check_hanging(system.sharing, system.controls)
     if start.dimension == 3:
         _check_first_cell(system)
     if bulk is None and start.dimension < 3:
@@ -339,33 +224,6 @@ def _attractor(system: CellSystem, offset: float, domain: Box | None) -> CellAtt
     return CellAttractor(system, box, offset)
 
 
-def _brep(section: BCIFSSection) -> BRep:
-    if section.states is not None:
-        return build_states(section.states, section.start)
-    assert section.cell is not None
-    return build_cell(
-        Options(
-            cell=section.cell,
-            digits=section.digit_sets(),
-            texture=_texture(section.texture),
-            keep=section.keep,
-            controls=None if section.controls is None else len(section.controls),
-            start=section.start,
-        )
-    )
-
-
-def _texture(
-    given: TextureSection | tuple[TextureSection, ...] | None,
-) -> Texture | tuple[Texture, Texture, Texture] | None:
-    if given is None:
-        return None
-    if isinstance(given, TextureSection):
-        return Texture(edge=given.edge, bump=given.bump)
-    x, y, z = (Texture(edge=each.edge, bump=each.bump) for each in given)
-    return x, y, z
-
-
 def _check_digits(solution: Solution, digits: Sequence[DigitSet]) -> None:
     """Raise ``ModelError`` where children are not the sub-cubes that digits name."""
     index = solution.brep.start
@@ -392,11 +250,6 @@ def _corners(solution: Solution, index: int, matrix: Floats, child: int | None =
     return np.asarray(controls @ weights if weights.shape[1] else controls)
 
 
-def _sweep(section: SweepSection, level: Level) -> Sweep:
-    radii = section.radius if isinstance(section.radius, tuple) else (section.radius,)
-    return Sweep(section.along, radii[-1 if level == "limit" else min(level, len(radii) - 1)])
-
-
 def _check_arguments(
     size: float | None, offset: float, contacts: str, contact_radius: float | None
 ) -> None:
@@ -410,9 +263,9 @@ def _check_arguments(
 
 
 def _check_first_cell(system: CellSystem) -> None:
-    """Raise ``ModelError`` where the level-0 cell is folded; its controls are out of order then."""
+    """Raise ``ModelError`` where a level-0 cell is folded; its controls are out of order then."""
     try:
-        _ = replace(system, level=0).nodes.unfolded
+        check_places(replace(system, level=0).nodes)
     except ModelError as error:
         corners = system.brep.of_dimension(system.brep.start, 0)
         hint = "x slowest, z fastest" if len(corners) == 8 else "as in its reference cell"
@@ -441,14 +294,33 @@ def _letters(brep: BRep) -> list[str]:
     ]
 
 
-def _controls(state: CellState, given: ArrayLike | None) -> Floats:
-    """Return the level-0 cell's controls, or say which are missing or coincide."""
+def _macro(
+    brep: BRep, cells: Sequence[Sequence[int]] | MacroMesh, controls: ArrayLike | None
+) -> tuple[MacroMesh, Floats]:
+    """Return level-0 cells and all their controls, those between corners too."""
+    if controls is None:
+        raise ModelError("cells: got indices of controls, but no controls; wanted both")
+    points = homogeneous(numbers(controls, "controls"))
+    if isinstance(cells, MacroMesh):
+        return cells, points
+    if _has_eight(brep.states[brep.start]):
+        points, cells = with_middles(points, cells)
+    return MacroMesh(tuple(map(tuple, cells)), (brep.start,) * len(cells)), points
+
+
+def _has_eight(state: CellState) -> bool:
+    """Tell whether a cell of 27 controls has its 8 corners among them: it ends in controls."""
+    return state.size == 27 and any(b.matrix.shape[1] == 1 for b in state.boundaries)
+
+
+def _controls(state: CellState, given: ArrayLike | None, *, alone: bool) -> Floats:
+    """Return the level-0 cells' controls, or say which are missing or coincide."""
     controls = state.controls if given is None else homogeneous(numbers(given, "controls"))
-    # Only a cell that ends in controls has its 8 corners among its 27.
-    eight = state.size == 27 and any(b.matrix.shape[1] == 1 for b in state.boundaries)
-    if controls.shape[1] == 8 and eight:
-        controls = _midway(controls)
-    if controls.shape[1] != state.size:
+    eight = _has_eight(state)
+    if controls.shape[1] == 8 and eight and alone:
+        controls, (own,) = with_middles(controls, [range(8)])
+        controls = controls[:, own]
+    if controls.shape[1] != state.size and alone:
         raise ModelError(
             f"controls: got {controls.shape[-1]} points; wanted {state.size}, those of "
             f"{state.name}" + (", or its 8 corners" if eight else "")
@@ -462,9 +334,3 @@ def _controls(state: CellState, given: ArrayLike | None) -> Floats:
         )
     check_apart(places, "controls")
     return controls
-
-
-def _midway(corners: Floats) -> Floats:
-    """Return 27 controls whose edges, faces and middle lie midway between 8 corners."""
-    line = np.array([[1, 0.5, 0], [0, 0.5, 1]])
-    return np.asarray(corners @ np.kron(line, np.kron(line, line)))

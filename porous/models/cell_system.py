@@ -119,21 +119,22 @@ class CellSystem(Value):
         return automaton_of(self.solution, self.controls, self.macro)
 
     @cached_property
-    def _sharing(self) -> Sharing | None:
+    def sharing(self) -> Sharing | None:
+        """What several level-0 cells share."""
         return Sharing(self.brep, self.macro, self.controls.shape[1]) if self.macro else None
 
     @cached_property
     def closure(self) -> Closure:
         """What every state's split creates and shares."""
-        return self._sharing.closure(self.solution) if self._sharing else closure(self.solution)
+        return self.sharing.closure(self.solution) if self.sharing else closure(self.solution)
 
     @cached_property
     def level_zero(self) -> Complex:
         """The level-0 cells with all that they share."""
-        if self._sharing is None:
+        if self.sharing is None:
             return level_zero(self.closure)
-        names = side_names(self._sharing, self.solution, self.controls)
-        return self._sharing.complex(self.closure, names)
+        names = side_names(self.sharing, self.solution, self.controls)
+        return self.sharing.complex(self.closure, names)
 
     @cached_property
     def complex(self) -> Complex:

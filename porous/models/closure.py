@@ -368,9 +368,7 @@ class _Work:
             f"state {self.brep.states[q].name} is not symmetric under {order}; wanted by {why}"
         )
 
-    def follow(
-        self, starts: Starts, reasons: Reasons
-    ) -> dict[tuple[int, int], dict[Order, str]]:
+    def follow(self, starts: Starts, reasons: Reasons) -> dict[tuple[int, int], dict[Order, str]]:
         """Find in which orders cells use their boundaries, level after level, and why."""
         uses: dict[tuple[int, int], dict[Order, str]] = {}
         queue: deque[tuple[int, int, Order]] = deque()

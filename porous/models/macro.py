@@ -67,6 +67,34 @@ class MacroMesh(Value):
         return tuple(result)
 
 
+def with_middles(
+    controls: Floats, cells: Sequence[Sequence[int]]
+) -> tuple[Floats, list[tuple[int, ...]]]:
+    """Return controls (3 or 4, n) and cells of 27 each; those between 8 corners are put midway.
+
+    Cells of another number of controls are left as they are. Neighbours share what lies between
+    the same corners.
+    """
+    line = np.array([[1, 0.5, 0], [0, 0.5, 1]])
+    weights = np.kron(line, np.kron(line, line))
+    known: dict[frozenset[int], int] = {}
+    added: list[Floats] = []
+    result = []
+    for cell in cells:
+        if len(cell) != 8 or not all(0 <= index < controls.shape[1] for index in cell):
+            result.append(tuple(cell))
+            continue
+        own = []
+        for column in weights.T:
+            between = [cell[corner] for corner in np.flatnonzero(column).tolist()]
+            if len(between) > 1 and frozenset(between) not in known:
+                known[frozenset(between)] = controls.shape[1] + len(added)
+                added.append(controls[:, list(cell)] @ column)
+            own.append(known[frozenset(between)] if len(between) > 1 else between[0])
+        result.append(tuple(own))
+    return np.column_stack([controls, *added]), result
+
+
 class Slot(NamedTuple):
     """Boundary ``boundary`` of cell ``cell``."""
 

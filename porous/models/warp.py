@@ -33,7 +33,7 @@ from pydantic import Field
 
 from porous.errors import ModelError
 from porous.models import bcifs, ifs
-from porous.models.bcifs import BCIFSSection
+from porous.models.bcifs_section import BCIFSSection
 from porous.models.hexa_volume import jacobian
 from porous.models.ifs import IFSSection
 from porous.models.model import HasDoubts, HasMembership, Model
