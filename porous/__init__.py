@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from porous.models.bcifs import bcifs
     from porous.models.cifs import cifs
     from porous.models.ifs import CutSet, ifs
+    from porous.models.rough import Skin, rough
+    from porous.models.tree import tree
     from porous.models.warp import warp
     from porous.pipeline import Result, run
     from porous.recipe import Recipe, build, load
@@ -39,6 +41,8 @@ if TYPE_CHECKING:
         stream_surface,
         tetrahedralize,
         voxelize,
+        warp_grid,
+        warp_mesh,
     )
     from porous.values import (
         Box,
@@ -73,6 +77,8 @@ _HOMES = {
     "models.bcifs": ("bcifs",),
     "models.cifs": ("cifs",),
     "models.ifs": ("CutSet", "ifs"),
+    "models.rough": ("Skin", "rough"),
+    "models.tree": ("tree",),
     "models.warp": ("warp",),
     "pipeline": ("Result", "run"),
     "recipe": ("Recipe", "build", "load"),
@@ -89,6 +95,8 @@ _HOMES = {
         "stream_surface",
         "tetrahedralize",
         "voxelize",
+        "warp_grid",
+        "warp_mesh",
     ),
     "values": (
         "Box",
@@ -127,6 +135,7 @@ __all__ = [
     "Recipe",
     "RecipeError",
     "Result",
+    "Skin",
     "StoredGrid",
     "SurfaceMesh",
     "ViewError",
@@ -147,14 +156,18 @@ __all__ = [
     "name_parts",
     "read",
     "resume",
+    "rough",
     "run",
     "show",
     "simplify",
     "smooth",
     "stream_surface",
     "tetrahedralize",
+    "tree",
     "voxelize",
     "warp",
+    "warp_grid",
+    "warp_mesh",
     "write",
     "write_report",
 ]

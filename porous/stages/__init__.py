@@ -11,6 +11,7 @@ from porous.stages._smooth import smooth
 from porous.stages._stream_surface import StreamedSurface, stream_surface
 from porous.stages._tetrahedralize import tetrahedralize
 from porous.stages._voxelize import fit_frame, voxelize
+from porous.stages._warp import warp_grid, warp_mesh
 
 __all__ = [
     "SampledModel",
@@ -26,4 +27,6 @@ __all__ = [
     "stream_surface",
     "tetrahedralize",
     "voxelize",
+    "warp_grid",
+    "warp_mesh",
 ]
