@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from porous.models.bcifs import bcifs
     from porous.models.cifs import cifs
     from porous.models.ifs import CutSet, ifs
-    from porous.models.rough import Skin, rough
     from porous.models.tree import tree
     from porous.models.warp import warp
     from porous.pipeline import Result, run
@@ -77,7 +76,6 @@ _HOMES = {
     "models.bcifs": ("bcifs",),
     "models.cifs": ("cifs",),
     "models.ifs": ("CutSet", "ifs"),
-    "models.rough": ("Skin", "rough"),
     "models.tree": ("tree",),
     "models.warp": ("warp",),
     "pipeline": ("Result", "run"),
@@ -135,7 +133,6 @@ __all__ = [
     "Recipe",
     "RecipeError",
     "Result",
-    "Skin",
     "StoredGrid",
     "SurfaceMesh",
     "ViewError",
@@ -156,7 +153,6 @@ __all__ = [
     "name_parts",
     "read",
     "resume",
-    "rough",
     "run",
     "show",
     "simplify",
