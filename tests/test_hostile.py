@@ -15,6 +15,8 @@ import zlib
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from porous import formats
 from porous.errors import FormatError, FormatWarning, MemoryLimitError
@@ -737,7 +739,7 @@ INP = {
     "a card of 1 MB": (b"*" + b"x" * 10**6 + inp(), is_a_brick),
     "a card of many lines": (b"*NODE,\n" + b"a,\n" * 10**5, "a card of more than 4096 char"),
     "a word of 1 MB": (inp().replace(b"5.0", b"5" * 10**6), "NODE: got a word of more than 64"),
-    "nothing but stars": (b"*\n" * 10**5, "no volume elements"),
+    "nothing but stars": (b"*\n" * 30_000, "no volume elements"),
     "nothing but comments": (b"**\n" * 10**5, "no volume elements"),
     "a null byte": (inp().replace(b"5.0", b"5.0 \0", 1), "NODE: got '.x00'; wanted a number"),
     "something else": (bytes(range(256)) * 10, "no volume elements"),
@@ -1084,6 +1086,22 @@ def test_no_flip_within_packed_bytes_goes_unnoticed(folder, name):
     # flipped name counts as not there.
     assert suffix == ".npz" or not silent
     assert len(silent) <= 8
+
+
+WORDS = (b"", b"0", b"-1", b"0.5", b"nan", b"inf", b"1e12", b"1e400", b"9" * 40, b"1_0", b"\xff")
+WORDS += tuple(str(2**power).encode() for power in (31, 32, 53, 63, 64))
+TEXTS = ("stl-text", "ply-text", "obj", "vti-text", "inp-text", "msh-2-text", "msh-4-text")
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@given(changes=st.lists(st.tuples(st.floats(0, 0.999), st.sampled_from(WORDS)), min_size=1))
+@settings(max_examples=40)
+def test_words_that_are_exchanged(folder, name, changes):
+    suffix, data = GOOD[name]
+    words = re.split(rb"([\s,]+)", data)
+    for place, word in changes:
+        words[int(place * len(words)) // 2 * 2] = word
+    judged(folder, suffix, b"".join(words))
 
 
 @pytest.mark.slow
