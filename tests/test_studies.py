@@ -183,7 +183,9 @@ def assert_voxels_are_fast(rows):
 
 @pytest.mark.slow
 @each_study
-def test_a_study_runs(study, tmp_path):
+def test_a_study_runs(study, tmp_path, judge):
+    if study.stem == "10_support_tree":
+        judge("ccx")
     short = {"POROUS_STEP": "40", "POROUS_SMALL": "yes"}
     environment = {**os.environ, "POROUS_RESULTS": str(tmp_path), **short}
     done = subprocess.run(
@@ -215,3 +217,33 @@ def test_bodies_larger_than_memory_come_out_right():
     assert len(judged_) >= 26
     assert all(row["agrees"] == "True" for row in judged_)
     assert max(float(row["peak_mib"] or 0) for row in rows) < 4096
+
+
+def test_trees_bear_and_lead_what_their_page_says():
+    rows = rows_of(ANALYSIS / "results" / "10_support_tree.csv")
+    names = ("stiffness_per_mass", "conductance_per_mass", "stiffness_to_conduction")
+    page = (ANALYSIS.parent / "docs" / "support-tree.md").read_text(encoding="utf-8")
+    found = {}
+    for row in rows:
+        figures = [float(row[name]) for name in names]
+        spread = [abs(float(row[f"{name}_change"])) for name in names]
+        cells = [f"{a:.3f} ± {b:.3f}" for a, b in zip(figures, spread, strict=True)]
+        porosity = f"{abs(float(row['porosity'])):.3f}"
+        assert f"| {row['body']} | {porosity} | {' | '.join(cells)} |" in page
+        found[row["body"]] = figures
+    bar = rows[0]
+    assert float(bar["conductance_mm"]) == pytest.approx(24 * 24 / 24.6, rel=1e-6)
+    assert 1 < float(bar["stiffness_mm"]) / float(bar["conductance_mm"]) < 1.06  # its foot is held
+    assert {round(float(row["porosity"]), 2) for row in rows[1:]} == {0.85}
+    trees = {name: figures for name, figures in found.items() if name.startswith("tree")}
+    assert len(trees) == 4
+    for stiffness, conduction, ratio in trees.values():
+        assert stiffness > 1.3 * found["cubic lattice"][0] > 8 * found["post"][0]
+        assert found["cubic lattice"][1] < conduction < found["post"][1]
+        assert 10 * found["post"][2] < ratio < found["cubic lattice"][2] < 1
+    for branches in ("2, 2", "3, 2"):
+        area, murray = (trees[f"tree {branches}, {law}"] for law in ("area", "murray"))
+        assert murray[1] < area[1]
+        assert murray[2] > area[2]
+    for law in ("area", "murray"):
+        assert trees[f"tree 3, 2, {law}"][2] > trees[f"tree 2, 2, {law}"][2]
