@@ -2,18 +2,21 @@
 
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from naive_quotient import Quotient
+from pydantic import ValidationError
 from scipy.interpolate import BSpline
 
 from porous import mesh_cells, voxelize
 from porous.errors import MemoryLimitError, ModelError
 from porous.models.bcifs import bcifs
+from porous.models.bcifs_section import BCIFSSection, system_of
 from porous.models.brep import BRep
 from porous.models.builders import Options, Texture, build_cell
-from porous.models.builders._curves import bezier, koch, rough, spline, uniform
+from porous.models.builders._curves import bezier, koch, rough, spline, takagi, uniform
 from porous.models.builders._tensor import tensor
 from porous.models.cell_exact import exact_measures
 from porous.models.cell_folds import corner_weights
@@ -369,3 +372,55 @@ def test_what_is_no_cell_is_refused(make, message):
 def test_too_many_divisions_are_refused_before_anything_is_made():
     with pytest.raises(MemoryLimitError, match="a cell of 1000000³ sub-cells"):
         build_cell(Options("spline-3", DigitSet(1_000_000, [[0, 0, 0]])))
+
+
+# --- in recipes ------------------------------------------------------------------------------
+
+
+def recipe_of(curves, **more):
+    table = {"kind": "bcifs", "cell": "tensor", "level": 1, "curves": curves, **more}
+    return BCIFSSection.model_validate(table)
+
+
+@pytest.mark.parametrize(
+    ("said", "made"),
+    [
+        ({"curve": "bezier", "degree": 3}, bezier(3)),
+        ({"curve": "bezier"}, bezier(2)),
+        ({"curve": "b-spline", "degree": 3, "divisions": 3}, uniform(3, 3)),
+        ({"curve": "b-spline", "knots": [0, 0, 1, 1.5]}, spline((0, 0, 1, 1.5))),
+        ({"curve": "koch"}, koch()),
+        ({"curve": "takagi", "weight": 0.6}, takagi(0.6)),
+        ({"curve": "rough", "edge": 0.3, "divisions": 3}, rough(Texture(edge=0.3), 3)),
+    ],
+    ids=str,
+)
+def test_recipes_name_curves(said, made):
+    brep = system_of(recipe_of([said, {"curve": "bezier", "degree": 1}]), Path()).brep
+    assert brep == tensor([made, bezier(1)])
+
+
+def test_curves_of_a_recipe_have_the_divisions_of_its_digits():
+    digits = {"divisions": 3, "keep": "menger"}
+    brep = system_of(recipe_of([{"curve": "bezier"}] * 3, digits=digits), Path()).brep
+    assert brep == tensor([bezier(2, [3])] * 3, [MENGER.keep])
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"curve": "bezier", "knots": [0, 1]}, "knots: bezier takes none; wanted degree, divisi"),
+        ({"curve": "koch", "divisions": 3}, "divisions: koch takes none; wanted no more keys"),
+        ({"curve": "takagi"}, "weight: takagi wants one, between -1 and 1"),
+        ({"curve": "takagi", "weight": 1.5}, r"got r = 1\.5"),
+        ({"curve": "b-spline", "knots": [0, 2, 1, 3]}, "wanted none below the one before"),
+        ({"curve": "b-spline", "degree": 3, "knots": [0, 0, 1, 1]}, "knots: got 4; wanted 6"),
+        ({"curve": "rough", "edge": [0.1, 0.2, 0.3]}, "got 3 numbers; wanted 2 for divisions = 2"),
+        ({"curve": "nurbs"}, "'bezier', 'b-spline', 'koch', 'takagi' or 'rough'"),
+        ({"curve": "bezier", "degree": 9}, "less than or equal to 8"),
+    ],
+    ids=str,
+)
+def test_curves_that_are_none_are_refused(said, message):
+    with pytest.raises(ValidationError, match=message):
+        recipe_of([said])

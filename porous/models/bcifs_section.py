@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from porous.errors import ModelError, nearest
 from porous.models.automaton import DEEPEST
-from porous.models.builders import Options, Texture, build_cell, cell_names
+from porous.models.builders import CurveSection, Options, Texture, build_cell, cell_names
 from porous.models.macro import MacroMesh, with_middles
 from porous.models.macro_frames import Families, Hexahedron, assembled
 from porous.models.rational import columns, homogeneous
@@ -38,6 +38,7 @@ Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Contacts = Literal["apart", "fuse", "shared"]
 Level = int | Literal["limit"]
 Digits = DigitsSection | Annotated[tuple[DigitsSection, ...], Field(strict=False, min_length=1)]
+Curves = Annotated[tuple[CurveSection, ...], Field(strict=False, min_length=1, max_length=3)]
 Indices = Annotated[tuple[int, ...], Field(strict=False, min_length=1)]
 
 HEXAHEDRA = ("hex-8", "hex-27")
@@ -119,6 +120,11 @@ class BCIFSSection(Section):
         "lines along x, y and z; of several cells one for each class of parallel edges, as the "
         "cells' axes meet them",
     )
+    curves: Curves | None = Field(
+        default=None,
+        description='the one to three curves whose product a "tensor" cell is, such as '
+        '{ curve = "bezier", degree = 3 }',
+    )
     moves: dict[str, Numbers] = Field(
         default_factory=dict, description="free points by name, and how far each is moved"
     )
@@ -166,7 +172,7 @@ class BCIFSSection(Section):
         if self.cell is not None and self.cell not in cell_names():
             raise ValueError(f"no cell {self.cell!r}{nearest(self.cell, cell_names())}")
         if self.states is not None:
-            for name in ("digits", "keep", "texture"):
+            for name in ("digits", "keep", "texture", "curves"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name}: shapes a built-in cell; got states of one's own")
         if self.cell == "beam" and self.draw == "cell" and self.level != "limit":
@@ -287,15 +293,17 @@ def _brep(section: BCIFSSection, size: int | None) -> BRep:
     if section.states is not None:
         return build_states(section.states, section.start)
     assert section.cell is not None
+    digits = section.digit_sets()
     textures = _three(section.texture, "texture")
     alike = textures and len(set(textures)) == 1
     return build_cell(
         Options(
             cell=section.cell,
-            digits=section.digit_sets(),
+            digits=digits,
             texture=textures[0] if textures and alike else textures,
             keep=section.keep,
             controls=size,
             start=section.start,
+            curves=tuple(each.made([d.divisions for d in digits]) for each in section.curves or ()),
         )
     )
