@@ -161,6 +161,22 @@ def test_every_file_of_the_folder_is_a_format():
         assert bool(row.writes) == (row.write is not None)
 
 
+def test_the_page_of_formats_lists_each_as_it_is():
+    page = Path(__file__).parent.parent / "docs" / "formats.md"
+    found = re.findall(
+        r"^\| `(\.\w+)` \| (.+?) \| (.+?) \| (.+?) \|", page.read_text("utf-8"), re.M
+    )
+    assert found == [
+        (
+            row.suffix,
+            row.name,
+            row.reads.__name__ if row.reads else "–",
+            ", ".join(kind.__name__ for kind in row.writes) or "–",
+        )
+        for row in formats.formats()
+    ]
+
+
 def test_listing_formats_imports_nothing_heavy():
     program = """
 import sys, json, porous.formats as formats

@@ -1,6 +1,7 @@
 """Coarse meshes of hexahedra: the value, and files of others from which it comes."""
 
 import pickle
+import re
 from pathlib import Path
 
 import meshio
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from porous import formats
+from porous.cli import main
 from porous.errors import FormatError, FormatWarning, MeshError
 from porous.values import Block, HexMesh, VolumeMesh
 
@@ -207,3 +209,24 @@ def test_other_volumes_of_meshio_are_refused(tmp_path, name, kind, nodes):
     meshio.Mesh(CORNERS.astype(float), cells).write(path, **options)
     with pytest.raises(FormatError, match=r"(prism|wedge|pyramid|C3D6)'; wanted (hexa|C3D8)"):
         formats.read(path)
+
+
+# --- from the command line ---------------------------------------------------------------------
+
+
+def test_a_coarse_mesh_is_converted_and_measured(tmp_path, capsys):
+    assert main(["convert", str(GMSH / "hexahedra-20.msh"), str(tmp_path / "bricks.inp")]) == 0
+    assert "12 hexahedra of more than 8 nodes are read by their corners" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "bricks.inp"), str(tmp_path / "bricks.vtu")]) == 0
+    assert main(["measure", str(tmp_path / "bricks.vtu")]) == 0
+    assert re.search(r"^volume +9 .*mm³ +hexahedra", capsys.readouterr().out, re.MULTILINE)
+    mesh = HexMesh.of_volume(formats.read(tmp_path / "bricks.vtu"))
+    assert found_bricks(mesh) == expected_bricks()
+
+
+def test_a_mesh_of_prisms_ends_in_one_line(tmp_path, capsys):
+    assert main(["convert", str(GMSH / "prisms.msh"), str(tmp_path / "prisms.vtu")]) != 0
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "element type: got '6 prism'; wanted hexahedra or tetrahedra" in said
+    assert list(tmp_path.iterdir()) == []

@@ -686,6 +686,7 @@ SPREAD = inp().replace(b"1, 1, 2, 4, 3", b"1, 1, 2,\n** in between\n 4, 3")
 FOLLOWS = "a name, and no comma at the end"
 INP = {
     "one cell": (inp(), is_a_brick),
+    "lines of Windows": (inp().replace(b"\n", b"\r\n"), is_a_brick),
     "numbers far apart": (
         inp(numbers=np.arange(8, 0, -1) * 10**12, cells=[(1, *(10**12 * (9 - np.array(HEX))))]),
         is_a_brick,
@@ -748,6 +749,8 @@ EIGHT = " ".join(["1"] * 8)
 MSH = {
     "one cell": (msh2(), is_a_brick),
     "one cell, 4.1": (msh4(), is_a_brick),
+    "lines of Windows": (msh2().replace(b"\n", b"\r\n"), is_a_brick),
+    "lines of Windows, 4.1": (msh4().replace(b"\n", b"\r\n"), is_a_brick),
     "an element for each of its groups": (
         msh2(total=3, elements="".join(f"{i} 5 2 {i} 1 {CELL}\n" for i in (1, 2, 3))),
         is_a_brick,
@@ -1033,6 +1036,15 @@ def test_a_grid_that_would_not_fit_is_refused(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr("porous.memory.available", lambda: 20_000_000)
     with pytest.raises(MemoryLimitError, match=rf"grid{suffix}: .* would need .* MiB of memory"):
         formats.read(tmp_path / f"grid{suffix}")
+
+
+@pytest.mark.parametrize("data", [msh2(), packed_msh4(), inp()], ids=["text", "binary", "deck"])
+def test_a_mesh_that_would_not_fit_is_refused(tmp_path, monkeypatch, data):
+    path = tmp_path / ("mesh.inp" if data == inp() else "mesh.msh")
+    path.write_bytes(data)
+    monkeypatch.setattr("porous.memory.available", lambda: 3 * len(data))
+    with pytest.raises(MemoryLimitError, match=r"mesh\....: its nodes and elements would need"):
+        formats.read(path)
 
 
 # --- files that are cut short, and bits that flip ----------------------------------------------

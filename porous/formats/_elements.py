@@ -14,12 +14,16 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats.gate import numbers, refuse
+from porous.memory import check_memory
 from porous.values import SHAPES, Block, VolumeMesh
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.formats.gate import Source
+
+GROWTH = 7
+"""Bytes of memory for each of a file, at most: measured on text of 720 000 hexahedra."""
 
 
 @dataclass
@@ -31,6 +35,9 @@ class Draft:
     points: list[NDArray[np.float64]] = field(default_factory=list)
     cells: dict[str, list[NDArray[np.int64]]] = field(default_factory=dict)
     bent: int = 0
+
+    def __post_init__(self) -> None:
+        check_memory(GROWTH * len(self.source.data), "its nodes and elements", "Coarsen the mesh.")
 
     def add_nodes(self, numbers: NDArray[np.int64], points: NDArray[np.float64]) -> None:
         """Add nodes: their numbers, shape (n,), and places, shape (n, 3)."""
