@@ -150,8 +150,8 @@ def _repeated(points: Floats, ages: Indices | Floats, reach: float) -> Indices:
     A random mixture of a cell's numbers is its key: cells that coincide follow each other in the
     order of the keys. What tells is the comparison of all their numbers with the first such cell's.
     """
-    flat = np.column_stack([points.reshape(len(points), -1), ages])
-    mixture = np.random.default_rng(0).uniform(1, 2, flat.shape[1])
+    flat: Floats = np.column_stack([points.reshape(len(points), -1), ages])
+    mixture = np.random.default_rng(0).uniform(1, 2, flat.shape[1:])
     key = product(flat, mixture[:, None])[:, 0]
     order = np.argsort(key, kind="stable")
     starts = np.concatenate([[True], np.diff(key[order]) > reach * mixture.sum()])
