@@ -1,11 +1,14 @@
 """Attractors whose parts overlap many times: covers by seeking words backwards from voxels."""
 
+import naive_limits
+import naive_sampling
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 import porous as po
 from porous.errors import ModelError
+from porous.kernels import overlap as overlap_kernel
 from porous.kernels.cover import Descent
 from porous.models import cover, overlap
 from porous.models.automaton import of_maps
@@ -19,10 +22,21 @@ def turned_maps(count, ratio, seed, squeeze=(1, 1, 1)):
     return [(q * ratio * np.array(squeeze), random.uniform(-0.5, 0.5, 3)) for q in turned]
 
 
+SHEAR = np.eye(3) + np.diag([0.8, 0.8], 1)
+
+
+def sheared(maps, by=SHEAR):
+    """The same maps in other coordinates: those of the world are the inverse's images."""
+    back = np.linalg.inv(by)
+    return [(back @ A @ by, back @ b) for A, b in maps]
+
+
 SYSTEMS = {
     "six of 0.7": turned_maps(6, 0.7, 5),
     "eight of 0.6, squeezed": turned_maps(8, 0.62, 7, (1, 0.9, 1.1)),
+    "six of 0.7, sheared": sheared(turned_maps(6, 0.7, 5)),
 }
+STRETCHED = sheared(turned_maps(6, 0.7, 5), np.diag([1, 1, 0.45]))
 each_system = pytest.mark.parametrize("name", SYSTEMS)
 
 
@@ -73,8 +87,10 @@ def test_what_is_marked_is_near(name):
     frame = framed(maps, 16)
     marks, bound = cover.cover_attractor(automaton, balls, frame)
     net = overlap.reference(system)
-    tree = cKDTree(net.points)
-    error = (net.doubt / net.edge - np.sqrt(3)) * net.edge  # how far the attractor is from them
+    back = np.linalg.inv(net.turn)
+    tree = cKDTree(net.points @ back.T)
+    # How far the attractor is from them, in the world.
+    error = (net.doubt - np.sqrt(3) * net.edge) * np.linalg.norm(back, 2)
     index = np.argwhere(marks)
     worst = 0.0
     for corner in np.ndindex(2, 2, 2):
@@ -102,15 +118,16 @@ def test_it_agrees_with_a_descent(name):
     assert not ((marks != 0) & (rough == 0)).any()
 
 
-def test_it_does_not_depend_on_order_repetition_or_tiles():
-    maps = SYSTEMS["six of 0.7"]
+@pytest.mark.parametrize("name", ["six of 0.7", "six of 0.7, sheared"])
+def test_it_does_not_depend_on_order_repetition_or_tiles(name):
+    maps = SYSTEMS[name]
     frame = framed(maps, 40)
     marks, _ = cover.cover_attractor(*system_of(maps)[:2], frame)
     again, _ = cover.cover_attractor(*system_of([*maps[::-1], *maps[:2]])[:2], frame)
     assert np.array_equal(again, marks)
     for start, stop in [
-        ((0, 0, 0), (19, 40, 5)),
-        ((17, 6, 5), (31, 13, 33)),
+        ((0, 0, 0), (19, frame.shape[1], 5)),
+        ((17, 6, 5), (31, 13, min(33, frame.shape[2]))),
         ((4, 4, 4), (5, 5, 5)),
     ]:
         part = tuple(slice(a, b) for a, b in zip(start, stop, strict=True))
@@ -122,7 +139,8 @@ def test_it_does_not_depend_on_order_repetition_or_tiles():
 def test_a_net_holds_the_attractor_within_its_doubt(name):
     maps = SYSTEMS[name]
     net = overlap.reference(system_of(maps)[2])
-    points = game(maps, 100_000, seed=3)
+    points = game(maps, 100_000, seed=3) @ net.turn.T
+    assert (np.linalg.norm(points - net.ball[:3], axis=1) <= net.ball[3]).all()
     error = net.doubt - np.sqrt(3) * net.edge
     assert cKDTree(net.points).query(points)[0].max() <= error
     index = np.floor((points - net.low) / net.edge).astype(int)
@@ -140,7 +158,7 @@ def test_which_systems_are_sought_backwards():
     def told(maps):
         return overlap.overlaps(system_of(maps)[2])
 
-    assert told(SYSTEMS["six of 0.7"])
+    assert all(map(told, SYSTEMS.values()))
     assert not told(turned_maps(4, 0.5, 1))
     assert not told([(np.diag([0.9, 0.9, 0.0]), np.array([k, 0, 0.0])) for k in range(3)])
     assert not told([(np.diag([0.97, 0.9, 0.9]), np.array([k, 0, 0.0])) for k in range(3)])
@@ -154,3 +172,58 @@ def test_work_without_end_is_refused(monkeypatch):
     automaton, balls, _ = system_of(maps)
     with pytest.raises(ModelError, match="overlap so much that 1000 words"):
         cover.cover_attractor(automaton, balls, framed(maps, 70))
+
+
+# --- coordinates ---------------------------------------------------------------------------
+
+
+def test_norms_of_sheared_maps_are_those_of_the_maps_themselves():
+    for maps, by in ((SYSTEMS["six of 0.7, sheared"], SHEAR), (STRETCHED, np.diag([1, 1, 0.45]))):
+        given = system_of(maps)[2].maps
+        assert np.linalg.norm(given[:, :, :3], 2, axis=(1, 2)).max() > 1.2
+        turn = overlap.coordinates(given)
+        own = turn @ given[:, :, :3] @ np.linalg.inv(turn)
+        assert np.linalg.norm(own, 2, axis=(1, 2)).max() < 0.7 * 1.01
+        assert np.linalg.det(turn) == pytest.approx(1)
+        # But for a rotation and a size they are the coordinates that were sheared.
+        assert np.allclose(turn.T @ turn, by.T @ by / np.linalg.det(by) ** (2 / 3), atol=0.02)
+    maps = system_of(SYSTEMS["six of 0.7"])[2].maps
+    assert np.array_equal(overlap.coordinates(maps), np.eye(3))
+
+
+def test_the_bound_holds_in_sheared_coordinates():
+    # Samples that leave out no more than a gap: in the coordinates where the maps are turned ones.
+    turned, gap = turned_maps(4, 0.7, 9), 0.3
+    maps = sheared(turned)
+    automaton, balls, system = system_of(maps)
+    assert overlap.overlaps(system)
+    frame = framed(maps, 9)
+    marks, bound = cover.cover_attractor(automaton, balls, frame)
+    back = np.linalg.inv(SHEAR)
+    radius = enclosing_balls(of_maps(turned))[0, 3]
+    points = naive_sampling.word_points(turned, gap, 2 * radius) @ back.T
+    index, inside = naive_limits.voxels_of(points, frame)
+    assert marks[tuple(index[inside].T)].all()
+    worst = naive_limits.furthest(marks, frame, points)
+    assert 0.3 * bound < worst <= bound + gap * np.linalg.norm(back, 2)
+
+
+def words_per_voxel(maps, monkeypatch):
+    """How many words are looked at for each voxel of a cover, and that of the cover."""
+    found = []
+    seek = overlap_kernel.seek
+
+    def counted(marks, *given, **options):
+        found.append(seek(marks, *given, **options))
+        return found[-1]
+
+    monkeypatch.setattr(overlap_kernel, "seek", counted)
+    automaton, balls, _ = system_of(maps)
+    marks, _ = cover.cover_attractor(automaton, balls, framed(maps, 64))
+    return sum(found) / marks.sum()
+
+
+def test_sheared_maps_take_little_more_work(monkeypatch):
+    plain = words_per_voxel(SYSTEMS["six of 0.7"], monkeypatch)
+    for maps in (SYSTEMS["six of 0.7, sheared"], STRETCHED):
+        assert words_per_voxel(maps, monkeypatch) < 5 * plain

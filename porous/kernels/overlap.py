@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -72,12 +73,18 @@ def spread(maps: Floats, first: Floats, low: Floats, edge: float, shape: tuple[i
 
 
 class Reference(NamedTuple):
-    """Points of an attractor and how far all else is from them.
+    """An attractor in coordinates that suit its maps: points of it, and how far all else is.
 
-    ``distance`` (nx, ny, nz) float32 is from the centres of cubic cells to the nearest of
-    ``points`` (n, 3), but for ``doubt``; ``nearest`` int32 says which one that is about.
+    ``turn`` (3, 3) takes the world to these coordinates. ``maps`` (m, 3, 4) are invertible
+    contractions there; ``ball`` (4,) is centre and radius of a ball that holds the attractor.
+    ``distance`` (nx, ny, nz) float32 is from the centres of cubic cells of edge ``edge``, the first
+    of them at ``low``, to the nearest of ``points`` (n, 3), but for ``doubt``; ``nearest`` int32
+    says which one that is about.
     """
 
+    turn: Floats
+    maps: Floats
+    ball: Floats
     low: Floats
     edge: float
     distance: NDArray[np.float32]
@@ -105,23 +112,23 @@ def _far(y, radius, low, edge, distance, doubt, ball):
 
 
 @kernel
-def _touches(centre, half, maps, inverses, grows, ball, reference, stop, stack):
+def _touches(centre, half, turned, maps, inverses, grows, ball, reference, stop, stack):
     # Whether the attractor touches a voxel: words are sought backwards from it. Of a point of the
     # attractor in the voxel, the images under the inverses are points of the attractor too: so
-    # where none is near the voxel's own image, no longer word leads there.
+    # where none is near the voxel's own image, no longer word leads there. Places and radii are in
+    # the coordinates that suit the maps, nodes lead from these to the world.
     low, edge, distance, nearest, points, doubt = reference
+    turn, back, first = turned
     places, radii, nodes = stack
     many = len(maps)
     here = np.empty((3, 4))
     y = np.empty(3)
     top, steps = 1, 0
-    radii[0] = 0.0
+    radii[0] = first
     for a in range(3):
-        places[0, a] = centre[a]
-        radii[0] += half[a] ** 2
-        nodes[0, a, :] = 0.0
-        nodes[0, a, a] = 1.0
-    radii[0] = np.sqrt(radii[0]) * (1.0 + SLACK)
+        places[0, a] = turn[a, 0] * centre[0] + turn[a, 1] * centre[1] + turn[a, 2] * centre[2]
+        nodes[0, a, :3] = back[a]
+        nodes[0, a, 3] = 0.0
     while top > 0:
         top -= 1
         steps += 1
@@ -175,7 +182,19 @@ def _touches(centre, half, maps, inverses, grows, ball, reference, stop, stack):
 
 @kernel
 def _seek(
-    marks, origin, spacing, maps, inverses, grows, ball, reference, stop, stack, voxel, budget
+    marks,
+    origin,
+    spacing,
+    turned,
+    maps,
+    inverses,
+    grows,
+    ball,
+    reference,
+    stop,
+    stack,
+    voxel,
+    budget,
 ):
     # Voxels that are marked already are passed by.
     shape = marks.shape
@@ -192,7 +211,9 @@ def _seek(
         centre[0] = origin[0] + (i + 0.5) * spacing[0]
         centre[1] = origin[1] + (j + 0.5) * spacing[1]
         centre[2] = origin[2] + (k + 0.5) * spacing[2]
-        found, more = _touches(centre, half, maps, inverses, grows, ball, reference, stop, stack)
+        found, more = _touches(
+            centre, half, turned, maps, inverses, grows, ball, reference, stop, stack
+        )
         if more < 0:
             return voxel, -1
         steps += 1 + more
@@ -205,8 +226,6 @@ def seek(
     marks: NDArray[np.uint8],
     origin: Floats,
     spacing: Floats,
-    maps: Floats,
-    ball: Floats,
     reference: Reference,
     *,
     stop: float,
@@ -220,10 +239,6 @@ def seek(
         uint8, shape (nx, ny, nz): those set are not asked.
     origin, spacing
         The lower corner of the window and edge lengths of its voxels, (3,).
-    maps
-        Invertible contractions (m, 3, 4).
-    ball
-        Centre and radius of a ball that holds the attractor, (4,).
     reference
         Of the attractor.
     stop
@@ -235,13 +250,13 @@ def seek(
     -------
     The number of words looked at; more than ``limit`` where it gave up.
     """
+    turn, maps, ball, low, edge, distance, nearest, points, doubt = reference
     linear = np.linalg.inv(maps[:, :, :3])
     shift = -np.einsum("mab,mb->ma", linear, maps[:, :, 3])
     inverses = np.concatenate([linear, shift[:, :, None]], axis=2)
     grows = np.linalg.norm(linear, 2, axis=(1, 2)) * (1 + SLACK)
     size = DEPTH * len(maps)
     stack = (np.empty((size, 3)), np.empty(size), np.empty((size, 3, 4)))
-    low, edge, distance, nearest, points, doubt = reference
     known = (
         source(low, np.float64),
         float(edge),
@@ -250,9 +265,13 @@ def seek(
         source(points, np.float64),
         float(doubt),
     )
-    given = [source(array, np.float64) for array in (origin, spacing, maps, inverses, grows, ball)]
+    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * spacing
+    radius = float(np.linalg.norm(corners @ turn.T, axis=1).max()) * (1 + SLACK)
+    turned = source(turn, np.float64), source(np.linalg.inv(turn), np.float64), radius
+    window = source(origin, np.float64), source(spacing, np.float64)
+    given = [source(array, np.float64) for array in (maps, inverses, grows, ball)]
     voxel, total = 0, 0
     while voxel < marks.size and total <= limit:
-        voxel, steps = _seek(marks, *given, known, stop, stack, voxel, BUDGET)
+        voxel, steps = _seek(marks, *window, turned, *given, known, stop, stack, voxel, BUDGET)
         total = limit + 1 if steps < 0 else total + steps
     return total

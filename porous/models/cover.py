@@ -184,7 +184,7 @@ class _Window(Window):
         if len(words.states):
             stamp_points(marks, known.clouds, words, self.spacing)
             if known.reference:
-                self._seek(marks, known.system, known.reference, root, size)
+                self._seek(marks, known.reference, root, size)
             else:
                 self._descend(marks, known.system, root, (size,), whole=True)
 
@@ -209,7 +209,6 @@ class _Window(Window):
     def _seek(
         self,
         marks: NDArray[np.uint8],
-        system: System,
         known: Reference,
         root: tuple[int, Floats],
         size: float,
@@ -219,16 +218,7 @@ class _Window(Window):
         # The root's map is a change of units and origin: place = spacing × (voxel − shift).
         origin = self.spacing * (self.start - root[1][:, 3])
         limit = MOST_STEPS + STEPS_PER_VOXEL * marks.size
-        count = seek(
-            marks,
-            origin,
-            self.spacing,
-            system.maps,
-            system.balls[0],
-            known,
-            stop=size,
-            limit=limit,
-        )
+        count = seek(marks, origin, self.spacing, known, stop=size, limit=limit)
         if count > limit:
             raise ModelError(_endless(limit))
 
