@@ -15,7 +15,7 @@ from porous.models.cell_body import CellBody, thinnest
 from porous.models.cell_folds import corner_weights
 from porous.models.cell_system import CellSystem, natural_box
 from porous.models.contraction import check_contracts
-from porous.models.macro import MacroMesh, automaton_of, with_middles
+from porous.models.macro import MacroMesh, automaton_of, check_macro, with_middles
 from porous.models.macro_places import check_hanging, check_places
 from porous.models.rational import homogeneous, positions, scaled
 from porous.models.solve import solve
@@ -157,10 +157,8 @@ def bcifs(
         bulk.scaled(scale) if bulk else None,
         macro,
     )
-    if system.sharing:
-        check_hanging(system.sharing, system.controls)
     if start.dimension == 3:
-        _check_first_cell(system)
+        _check_level_zero(replace(system, level=0))
     if bulk is None and start.dimension < 3:
         reach = draw.radius if draw else float(offset) if limit else 0.0
         system = replace(system, bulk_box=system.domain.grown(reach))
@@ -262,16 +260,19 @@ def _check_arguments(
         raise ModelError(f"offset: got {offset}; wanted a length, zero or more")
 
 
-def _check_first_cell(system: CellSystem) -> None:
+def _check_level_zero(system: CellSystem) -> None:
     """Raise ``ModelError`` where a level-0 cell is folded; its controls are out of order then."""
+    _ = system.complex  # what is wrong with the lists of controls is told first
     try:
-        check_places(replace(system, level=0).nodes)
+        check_places(system.nodes)
     except ModelError as error:
         corners = system.brep.of_dimension(system.brep.start, 0)
         hint = "x slowest, z fastest" if len(corners) == 8 else "as in its reference cell"
         raise ModelError(
             f"controls: {error}. Are they in order ({hint}), and no corner pushed through a face?"
         ) from None
+    if system.sharing:
+        check_hanging(system.sharing, system.controls)
 
 
 def _check_start(start: CellState, *, drawn: bool) -> None:
@@ -301,11 +302,12 @@ def _macro(
     if controls is None:
         raise ModelError("cells: got indices of controls, but no controls; wanted both")
     points = homogeneous(numbers(controls, "controls"))
-    if isinstance(cells, MacroMesh):
-        return cells, points
-    if _has_eight(brep.states[brep.start]):
-        points, cells = with_middles(points, cells)
-    return MacroMesh(tuple(map(tuple, cells)), (brep.start,) * len(cells)), points
+    if not isinstance(cells, MacroMesh):
+        if _has_eight(brep.states[brep.start]):
+            points, cells = with_middles(points, cells)
+        cells = MacroMesh(tuple(map(tuple, cells)), (brep.start,) * len(cells))
+    check_macro(brep, cells, points.shape[1])
+    return cells, points
 
 
 def _has_eight(state: CellState) -> bool:

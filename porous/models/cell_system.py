@@ -27,7 +27,7 @@ from porous.models.cell_nodes import CellNodes, cell_nodes, placed_corners
 from porous.models.closure import Closure, closure
 from porous.models.complex import Complex, cell_complex, level_zero
 from porous.models.counts import counts
-from porous.models.macro import MacroMesh, Sharing, automaton_of
+from porous.models.macro import MacroMesh, Sharing, automaton_of, check_macro
 from porous.models.macro_places import side_names
 from porous.models.rational import ROWS, positions
 from porous.values import Box
@@ -101,8 +101,8 @@ class CellSystem(Value):
         check_unit(self.unit)
         size = self.brep.states[self.brep.start].size
         if self.macro:
-            size = 1 + max(max(cell) for cell in self.macro.cells)
-        if self.controls.shape not in [(rows, size) for rows in ROWS]:
+            check_macro(self.brep, self.macro, self.controls.shape[1])
+        elif self.controls.shape not in [(rows, size) for rows in ROWS]:
             raise ModelError(f"controls: got shape {self.controls.shape}; wanted (3, {size})")
         whole = isinstance(self.level, int) and not isinstance(self.level, bool)
         if not whole or not 0 <= self.level <= DEEPEST:
@@ -121,7 +121,7 @@ class CellSystem(Value):
     @cached_property
     def sharing(self) -> Sharing | None:
         """What several level-0 cells share."""
-        return Sharing(self.brep, self.macro, self.controls.shape[1]) if self.macro else None
+        return Sharing(self.brep, self.macro) if self.macro else None
 
     @cached_property
     def closure(self) -> Closure:

@@ -118,22 +118,17 @@ class Sharing:
     brep
         The states of the cells.
     mesh
-        The cells.
-    controls
-        How many control points there are.
+        The cells, as ``check_macro`` wants them.
 
     Raises
     ------
     ModelError
-        For cells with a control too many, that is not there or named twice; a control of no cell;
-        cells that are the same; faces that do not match, that three cells share, or that are
-        subdivided differently by the two cells they belong to; cells in several pieces. Names
-        cells and faces.
+        For faces that do not match, that three cells share, or that are subdivided differently by
+        the two cells they belong to; cells in several pieces. Names cells and faces.
     """
 
-    def __init__(self, brep: BRep, mesh: MacroMesh, controls: int) -> None:
+    def __init__(self, brep: BRep, mesh: MacroMesh) -> None:
         self.brep, self.mesh = brep, mesh
-        _check_cells(brep, mesh, controls)
         self.entities: dict[int, list[Entity]] = defaultdict(list)
         self.ids = [[-1] * len(brep.states[q].boundaries) for q in mesh.states]
         self.orders: list[list[Order]] = [[()] * len(row) for row in self.ids]
@@ -339,7 +334,12 @@ def _named_controls(brep: BRep, q: int) -> list[tuple[int, ...]]:
     return result
 
 
-def _check_cells(brep: BRep, mesh: MacroMesh, controls: int) -> None:
+def check_macro(brep: BRep, mesh: MacroMesh, controls: int) -> None:
+    """Raise ``ModelError`` for cells that are none, given how many control points there are.
+
+    Cells with a control too many, that is not there or named twice; a control of no cell; cells
+    that are the same. Names the cell.
+    """
     met: dict[frozenset[int], int] = {}
     for cell, (q, indices) in enumerate(zip(mesh.states, mesh.cells, strict=True)):
         size = brep.states[q].size

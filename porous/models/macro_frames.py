@@ -22,6 +22,8 @@ from porous.models.merged import merged
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from porous.models.brep import BRep
 
     Digits = tuple[DigitSet, ...]
@@ -113,9 +115,17 @@ class _Ways:
             self._above[a] = b, way ^ turn
 
 
+def _lattice(cell: Sequence[int]) -> NDArray[np.int64]:
+    """Return a cell's controls as a lattice (w, w, w)."""
+    width = {8: 2, 27: 3}.get(len(cell))
+    if width is None:
+        raise ModelError(f"cells: got {len(cell)} controls for one; wanted 8 or 27")
+    return np.array(cell, np.int64).reshape((width,) * 3)
+
+
 def _edges(cell: Sequence[int], axis: int) -> list[Edge]:
     """Return the four edges along an axis, from low to high."""
-    ids = np.array(cell).reshape((round(len(cell) ** (1 / 3)),) * 3)
+    ids = _lattice(cell)
     ends = np.moveaxis(ids, axis, 0)[:: len(ids) - 1, :: len(ids) - 1, :: len(ids) - 1]
     return [(int(ends[0, i, j]), int(ends[1, i, j])) for i, j in product((0, 1), repeat=2)]
 
@@ -182,8 +192,7 @@ def _framed(
     order = sorted(AXES, key=lambda a: (rank[textures[a]], a))
     if not flips and order == list(AXES):
         return given
-    ids = np.array(given.controls).reshape((round(len(given.controls) ** (1 / 3)),) * 3)
-    controls = np.flip(ids, tuple(flips)).transpose(order).ravel()
+    controls = np.flip(_lattice(given.controls), tuple(flips)).transpose(order).ravel()
     digits = tuple(_turned(each, flips, order) for each in given.digits)
     x, y, z = (textures[a] for a in order)
     return Hexahedron(tuple(controls.tolist()), digits, (x, y, z))

@@ -64,11 +64,11 @@ def check_places(nodes: CellNodes) -> None:
     loops, cells = _loops(nodes)
     first, second = nodes.pairs
     # A loop that is run the other way has each of its edges turned round.
-    step = np.roll(loops, -1, axis=1)
+    many = (loops >= 0).sum(axis=1, keepdims=True)
+    step = np.take_along_axis(loops, (np.arange(loops.shape[1]) + 1) % many, axis=1)
     edges = loops * len(nodes.points) + step, step * len(nodes.points) + loops
-    gone = loops < 0
     for table in edges:
-        table[gone] = -1
+        table[loops < 0] = -1
     alike = (np.sort(edges[0][first], axis=1) != np.sort(edges[1][second], axis=1)).any(axis=1)
     if alike.any():
         bad = int(np.flatnonzero(alike)[0])
