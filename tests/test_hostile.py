@@ -158,6 +158,25 @@ def header(descr="|u1", shape=(5, 6, 7), order=False):
     return repr({"descr": descr, "fortran_order": order, "shape": shape})
 
 
+VTU_TEXT = """<VTKFile type="UnstructuredGrid"><UnstructuredGrid>{field}
+<Piece NumberOfPoints="{points}" NumberOfCells="{cells}"><CellData>{tag}</CellData>
+<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{place}</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">{nodes}</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">{offsets}</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">{types}</DataArray></Cells></Piece>
+</UnstructuredGrid></VTKFile>"""
+ARRAY = (
+    '<DataArray type="{}" Name="{}" NumberOfComponents="{}" NumberOfTuples="{}" format="ascii">'
+    "{}</DataArray>"
+)
+
+
+def vtu(**changes):
+    place = " ".join(map(str, POINTS.ravel().tolist()))
+    parts = {"points": 4, "cells": 1, "place": place, "nodes": "0 1 2 3", "offsets": 4, "types": 10}
+    return VTU_TEXT.format(**{"field": "", "tag": "", **parts, **changes}).encode()
+
+
 HEX_POINTS = np.array([[x, y, z] for z in (0, 5) for y in (0, 3) for x in (0, 2)], dtype=float)
 HEX = [1, 2, 4, 3, 5, 6, 8, 7]
 
@@ -274,6 +293,7 @@ GOOD = {
     "vti-packed": (".vti", packed_vti()),
     "vti-appended": (".vti", appended_vti()),
     "vti-ours": (".vti", written(GRID, ".vti")),
+    "vtu-text": (".vtu", vtu()),
     "vtu-ours": (".vtu", written(VOLUME, ".vtu")),
     "inp-text": (".inp", inp(tail="*STEP\n*STATIC\n*END STEP\n")),
     "inp-ours": (".inp", written(VOLUME, ".inp")),
@@ -607,23 +627,6 @@ VTI = {
     ),
 }
 TYPES = written(VOLUME, ".vtu")
-VTU_TEXT = """<VTKFile type="UnstructuredGrid"><UnstructuredGrid>{field}
-<Piece NumberOfPoints="{points}" NumberOfCells="{cells}"><CellData>{tag}</CellData>
-<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{place}</DataArray></Points>
-<Cells><DataArray type="Int64" Name="connectivity" format="ascii">{nodes}</DataArray>
-<DataArray type="Int64" Name="offsets" format="ascii">{offsets}</DataArray>
-<DataArray type="UInt8" Name="types" format="ascii">{types}</DataArray></Cells></Piece>
-</UnstructuredGrid></VTKFile>"""
-ARRAY = (
-    '<DataArray type="{}" Name="{}" NumberOfComponents="{}" NumberOfTuples="{}" format="ascii">'
-    "{}</DataArray>"
-)
-
-
-def vtu(**changes):
-    place = " ".join(map(str, POINTS.ravel().tolist()))
-    parts = {"points": 4, "cells": 1, "place": place, "nodes": "0 1 2 3", "offsets": 4, "types": 10}
-    return VTU_TEXT.format(**{"field": "", "tag": "", **parts, **changes}).encode()
 
 
 def field(kind, name, components, tuples, text):
@@ -643,6 +646,31 @@ VTU = {
     "offsets that leap": (vtu(offsets=10**15), "offsets do not rise"),
     "offsets that fall": (vtu(offsets=-4), "offsets do not rise"),
     "types unknown": (vtu(types=42), "cell types: got '42 polyhedron'; wanted hexahedra .12."),
+    "faces alone": (vtu(types=9), "cell types: got '9'; wanted hexahedra .12. or tetrahedra"),
+    "a line before": (
+        vtu(cells=2, types="3 10", offsets="2 6", nodes="1 0 0 1 2 3"),
+        lambda value: value.volumes.tolist() == [5.0],
+    ),
+    "a polygon of 1e15": (
+        vtu(cells=2, types="7 10", offsets="1000000000000000 1000000000000004"),
+        "connectivity: got '4 numbers'; wanted 1000000000000004",
+    ),
+    "a line that falls": (vtu(cells=2, types="10 3", offsets="4 2"), "offsets do not rise"),
+    "a line before zero": (vtu(cells=2, types="3 10", offsets="-4 0"), "offsets do not rise"),
+    "twenty nodes that are four": (vtu(types=25), "offsets do not rise by the number of nodes"),
+    "types of floats": (vtu().replace(b'"UInt8"', b'"Float32"'), "types: got 'Float32'; wanted wh"),
+    "offsets of floats": (
+        vtu().replace(b'"Int64" Name="o', b'"Float64" Name="o'),
+        "offsets: got 'Float64'; wanted whole numbers",
+    ),
+    "nodes of floats": (
+        vtu(nodes="0 1.5 2 3").replace(b'"Int64" Name="c', b'"Float64" Name="c'),
+        "connectivity: got 'Float64'; wanted whole numbers",
+    ),
+    "types of 2^40": (
+        vtu(types=2**40).replace(b'"UInt8"', b'"Int64"'),
+        "cell types: got '1099511627776'; wanted hexahedra",
+    ),
     "too few nodes": (vtu(nodes="0 1 2"), "connectivity: got '3 numbers'; wanted 4"),
     "no offsets": (vtu().replace(b'"offsets"', b'"upsets"'), "wanted offsets"),
     "points of two": (vtu().replace(b'Components="3"', b'Components="2"', 1), "one array of three"),
@@ -663,6 +691,8 @@ VTU = {
         field("Int64", "nodes:A", 1, 10**15, "9"),
         "nodes:A: got '1 numbers'; wanted 10+",
     ),
+    "part of floats": (field("Float64", "nodes:A", 1, 1, "nan"), lambda value: not value.parts),
+    "blocks of floats": (field("Float64", "blocks", 2, 1, "10 nan"), "blocks: got 'Float64'"),
     "part of -1": (field("Int64", "cells:A", 1, -1, ""), "cells:A"),
     "face out of range": (field("Int64", "faces:A", 2, 1, "0 9"), "part 'A'"),
     "face negative": (field("Int64", "faces:A", 2, 1, "0 -1"), "part 'A'"),
@@ -1102,7 +1132,7 @@ def test_no_flip_within_packed_bytes_goes_unnoticed(folder, name):
 
 WORDS = (b"", b"0", b"-1", b"0.5", b"nan", b"inf", b"1e12", b"1e400", b"9" * 40, b"1_0", b"\xff")
 WORDS += tuple(str(2**power).encode() for power in (31, 32, 53, 63, 64))
-TEXTS = ("stl-text", "ply-text", "obj", "vti-text", "inp-text", "msh-2-text", "msh-4-text")
+TEXTS = ("obj", *(name for name in GOOD if name.endswith("-text")))
 
 
 @pytest.mark.parametrize("name", TEXTS)
