@@ -301,7 +301,7 @@ def _macro(
     """Return level-0 cells and all their controls, those between corners too."""
     if controls is None:
         raise ModelError("cells: got indices of controls, but no controls; wanted both")
-    points = homogeneous(numbers(controls, "controls"))
+    points = numbers(controls, "controls")
     if not isinstance(cells, MacroMesh):
         if _has_eight(brep.states[brep.start]):
             points, cells = with_middles(points, cells)
@@ -317,11 +317,12 @@ def _has_eight(state: CellState) -> bool:
 
 def _controls(state: CellState, given: ArrayLike | None, *, alone: bool) -> Floats:
     """Return the level-0 cells' controls, or say which are missing or coincide."""
-    controls = state.controls if given is None else homogeneous(numbers(given, "controls"))
+    points = state.controls if given is None else numbers(given, "controls")
     eight = _has_eight(state)
-    if controls.shape[1] == 8 and eight and alone:
-        controls, (own,) = with_middles(controls, [range(8)])
-        controls = controls[:, own]
+    if points.ndim == 2 and points.shape[1] == 8 and eight and alone:
+        points, (own,) = with_middles(points, [range(8)])
+        points = points[:, own]
+    controls = homogeneous(points)
     if controls.shape[1] != state.size and alone:
         raise ModelError(
             f"controls: got {controls.shape[-1]} points; wanted {state.size}, those of "

@@ -11,7 +11,7 @@ from porous.models.automaton import DEEPEST
 from porous.models.builders import CurveSection, Options, Texture, build_cell, cell_names
 from porous.models.macro import MacroMesh, with_middles
 from porous.models.macro_frames import Families, Hexahedron, assembled
-from porous.models.rational import columns, homogeneous
+from porous.models.rational import columns
 from porous.models.sections import BoxSection, DigitsSection, Section
 from porous.models.states import StateSection, build_states
 from porous.models.swept_body import Sweep
@@ -235,7 +235,7 @@ def system_of(section: BCIFSSection, _: Path) -> System:
         mesh = MacroMesh(tuple(lists), (brep.start,) * len(lists))
         return System(brep, controls, mesh, section.digit_sets())
     if section.cell == "hex-27":
-        controls, lists = with_middles(homogeneous(controls), lists)
+        controls, lists = with_middles(controls, lists)
     found = assembled(section.cell, _hexahedra(section, lists))
     return System(found.brep, controls, found.mesh, found.digits)
 

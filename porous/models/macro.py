@@ -73,7 +73,7 @@ def with_middles(
     """Return controls (3 or 4, n) and cells of 27 each; those between 8 corners are put midway.
 
     Cells of another number of controls are left as they are. Neighbours share what lies between
-    the same corners.
+    the same corners. A fourth row are weights.
     """
     line = np.array([[1, 0.5, 0], [0, 0.5, 1]])
     weights = np.kron(line, np.kron(line, line))
@@ -89,10 +89,18 @@ def with_middles(
             between = [cell[corner] for corner in np.flatnonzero(column).tolist()]
             if len(between) > 1 and frozenset(between) not in known:
                 known[frozenset(between)] = controls.shape[1] + len(added)
-                added.append(controls[:, list(cell)] @ column)
+                added.append(_mean(controls[:, list(cell)], column))
             own.append(known[frozenset(between)] if len(between) > 1 else between[0])
         result.append(tuple(own))
     return np.column_stack([controls, *added]), result
+
+
+def _mean(points: Floats, shares: Floats) -> Floats:
+    """Return the mean of points (3, n), or of points with weights (4, n) and its weight."""
+    if len(points) == 3:
+        return np.asarray(points @ shares)
+    own = points[3] * shares
+    return np.append(points[:3] @ own / own.sum(), own.sum())
 
 
 class Slot(NamedTuple):
