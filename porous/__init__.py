@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from porous.models.bcifs import bcifs
     from porous.models.cifs import cifs
     from porous.models.ifs import CutSet, ifs
+    from porous.models.rough import Skin, rough
     from porous.models.tree import tree
     from porous.models.warp import warp
     from porous.pipeline import Result, run
@@ -76,6 +77,7 @@ _HOMES = {
     "models.bcifs": ("bcifs",),
     "models.cifs": ("cifs",),
     "models.ifs": ("CutSet", "ifs"),
+    "models.rough": ("Skin", "rough"),
     "models.tree": ("tree",),
     "models.warp": ("warp",),
     "pipeline": ("Result", "run"),
@@ -133,6 +135,7 @@ __all__ = [
     "Recipe",
     "RecipeError",
     "Result",
+    "Skin",
     "StoredGrid",
     "SurfaceMesh",
     "ViewError",
@@ -153,6 +156,7 @@ __all__ = [
     "name_parts",
     "read",
     "resume",
+    "rough",
     "run",
     "show",
     "simplify",

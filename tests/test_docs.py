@@ -11,13 +11,15 @@ import pytest
 from porous import measures as known
 from porous.measures import finest_printable_level, hausdorff_distance, measure
 from porous.models.ifs import ifs
+from porous.models.rough import Rough, Skin
 from porous.recipe import build, load
 from porous.stages import exact_surface, extract_surface, hexahedralize, voxelize
-from porous.values import Block, VolumeMesh
+from porous.values import Block, Box, VolumeMesh
 from porous.values.measure import ORDER
 
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
+NOT_MEASURES |= {"HeightMap", "height_map", "roughness", "roughness_of_sides"}
 UNEQUAL = [(np.diag([1 / 2, 1 / 3, 1 / 2]), np.full(3, shift)) for shift in (0.0, 0.5)]
 TETRAHEDRON = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5.0]])
 
@@ -47,6 +49,8 @@ def taken():
     rows += [*measure(cells, model=model)]
     rows += [*measure(rough, grid=grid), *measure(hexes, grid=grid), *measure(tets, model=model)]
     rows += [*measure(both), *measure(ifs(UNEQUAL, level=1, unit="cm"))]
+    bumpy = Rough(Box((0, 0, 0), (6, 7, 3)), (Skin("ZMAX", 2.2, 0.1, bumps=1),), "cm")
+    rows += [*measure(bumpy), *measure(voxelize(bumpy, voxels=48), model=bumpy)]
     rows += [finest_printable_level(model, feature=0.1)]
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]
     return rows

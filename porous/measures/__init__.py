@@ -24,6 +24,7 @@ from porous.measures._pores import (
     through_porosity_z,
 )
 from porous.measures._porosity import porosity, relative_density
+from porous.measures._roughness import HeightMap, height_map, roughness, roughness_of_sides
 from porous.measures._surface_area import (
     interface_area,
     specific_surface_area,
@@ -42,6 +43,7 @@ from porous.measures._volume import volume
 __all__ = [
     "COUNTED",
     "Census",
+    "HeightMap",
     "Journal",
     "affinity_dimension",
     "box_counts",
@@ -56,11 +58,14 @@ __all__ = [
     "genus",
     "genus_26",
     "hausdorff_distance",
+    "height_map",
     "interface_area",
     "measure",
     "open_porosity",
     "porosity",
     "relative_density",
+    "roughness",
+    "roughness_of_sides",
     "similarity_dimension",
     "smallest_dihedral_angle",
     "smallest_feature",

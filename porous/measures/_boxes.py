@@ -146,11 +146,11 @@ def _dimension(census: Census, base: int | None = None) -> Measure:
         )
     x = [-math.log(size) for size in found.sizes[:most].tolist()]
     y = [math.log(count) for count in found.counts[:most].tolist()]
-    slope, doubt = _line(x, y)
+    slope, doubt = line(x, y)
     return Measure("box_dimension", slope, "1", METHOD, doubt, "standard", "grid")
 
 
-def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+def line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
     """Return the slope of a line by least squares and its uncertainty.
 
     That is its standard error, or the standard deviation of the slopes between neighbours where

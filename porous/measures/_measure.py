@@ -23,6 +23,7 @@ from porous.measures._mesh import (
 )
 from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
+from porous.measures._roughness import roughness_of_skins
 from porous.measures._streamed import streamed_rows
 from porous.measures._surface_area import surface_doubt
 from porous.models.model import HasBulk, HasCells, HasExact
@@ -114,7 +115,8 @@ def measure(
         return Measures(tuple(_mesh_rows(subject, model, grid)))
     if isinstance(subject, Tiled | Census):
         census = Census.of(subject, tiles=tiles, sampled=isinstance(model, HasBulk), map=map)
-        return Measures(tuple(_grid_rows(census, progress)))
+        rows = (*_grid_rows(census, progress), *roughness_of_skins(census.source, model))
+        return Measures(rows)
     periodic = (False, False, False) if grid is None else grid.frame.periodic
     return Measures(tuple(model_rows(subject, periodic)))
 

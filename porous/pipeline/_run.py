@@ -14,6 +14,7 @@ from porous.pipeline._result import Result
 from porous.pipeline._stored import Place, StoredWork
 from porous.pipeline._work import Work
 from porous.scale import CHUNK
+from porous.values import Tiled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -123,10 +124,12 @@ def _through(work: Work, wanted: tuple[str, ...]) -> Result:
 
 def examine(value: VoxelGrid | StoredGrid | SurfaceMesh | VolumeMesh) -> Result:
     """Return the measures of a value that came from a file, as a result without a recipe."""
-    from porous.measures import measure
+    from porous.measures import measure, roughness_of_sides
 
     begin = time.perf_counter()
     measures = measure(value)
+    if isinstance(value, Tiled):
+        measures += roughness_of_sides(value)
     made = Result(None, measures=measures, times={"measures": time.perf_counter() - begin})
     return replace(made, **{_FIELDS[type(value).__name__]: value})  # type: ignore[arg-type]
 
