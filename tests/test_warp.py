@@ -518,11 +518,10 @@ def test_a_sponge_of_voxels_keeps_its_tunnels(voxels):
 
 def test_voxels_of_a_body_and_of_its_model_agree():
     offsets = random_offsets(0.12, 33)
-    by_grid = po.warp_grid(torus_grid(64), offsets)
-    by_model = po.voxelize(po.warp(Torus(), offsets), voxels=64, sampling="centre")
-    assert (by_grid.solid != by_model.solid).mean() < 0.01
-    volumes = [po.measures.volume(grid).value for grid in (by_grid, by_model)]
-    assert volumes[0] == pytest.approx(volumes[1], rel=0.01)
+    by_grid = po.warp_grid(torus_grid(40), offsets)
+    by_model = po.voxelize(po.warp(Torus(), offsets), voxels=40, sampling="centre")
+    assert (by_grid.solid != by_model.solid).mean() < 0.012
+    assert (torus_grid(40).solid != by_model.solid).mean() > 0.03
 
 
 def test_periodic_sides_are_moved_alike_or_not_at_all():
