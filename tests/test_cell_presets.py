@@ -14,6 +14,7 @@ from porous.values.surface_topology import defects
 CELLS = (
     "menger-block",
     "menger-bent",
+    "menger-arch",
     "menger-rough",
     "menger-halved",
     "mosely-block",

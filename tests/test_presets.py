@@ -35,6 +35,7 @@ NAMES = {
     "branching-struts",
     "menger-block",
     "menger-bent",
+    "menger-arch",
     "menger-rough",
     "menger-halved",
     "menger-warped",
