@@ -29,6 +29,7 @@ from porous.models.closure import closure
 from porous.models.complex import cell_complex
 from porous.models.control_box import control_box
 from porous.models.digits import named
+from porous.models.dimension import affinity_dimension
 from porous.models.rational import columns, homogeneous, positions, scaled
 from porous.models.solve import solve
 from porous.models.swept_body import Sweep
@@ -211,6 +212,18 @@ def test_eight_corners_with_weights_serve():
     np.testing.assert_allclose(large.nodes.points, small.nodes.points, atol=1e-14)
     assert "volume" not in {row.name for row in exact_measures(small)}
     assert {row.name: row.value for row in exact_measures(small)}["genus"] == 81
+
+
+def test_a_block_in_perspective_keeps_its_dimension():
+    spots = np.array(list(product((0.0, 1.0), repeat=3)))
+    weights = 1 + spots @ [0.3, 0.1, 0.2]
+    P = np.column_stack([spots / weights[:, None], weights]).T
+    body = bcifs(build_cell(Options("hex-8", MENGER)), digits=(MENGER,), controls=P, level=2)
+    assert affinity_dimension(body.automaton) == pytest.approx(np.log(20) / np.log(3), abs=1e-9)
+    # What was flat and straight stays it: the bulk is a hexahedron at all levels.
+    whole = bcifs(build_cell(Options("hex-8", FULL)), digits=(FULL,), controls=P, level=3)
+    assert body.bulk_volume == pytest.approx(whole.bulk_volume, rel=1e-13)
+    assert mesh_cells(whole).volumes.sum() == pytest.approx(whole.bulk_volume, rel=1e-13)
 
 
 def test_size_scales_controls_and_no_weights():

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.models.adapted import turned, weight_system
+from porous.models.rational import is_rational
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -203,10 +204,12 @@ def _metrics(
 def _figure_maps(automaton: Automaton) -> NDArray[np.float64] | None:
     """Return the linear maps (t, 3, 3) from parents to children on cycles, zero off them.
 
-    None where the controls of some child on a cycle are no affine image of those of its state. A
-    state's controls are the reference ones, or those of a cell below the part's first state:
-    whichever serves.
+    None where the controls of some child on a cycle are no affine image of those of its state, or
+    are divided by weights. A state's controls are the reference ones, or those of a cell below the
+    part's first state: whichever serves.
     """
+    if any(is_rational(state.controls) for state in automaton.states):
+        return None
     turning, label = _turning(automaton)
     result = np.zeros((len(label), 3, 3))
     for part in np.unique(label[turning]):
