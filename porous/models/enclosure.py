@@ -161,9 +161,10 @@ def _ellipsoids(automaton: Automaton, seeds: Seeds | None) -> _Enclosure:
     words, prefixes = _shrinking_words(automaton, single, bases, inverses)
     fixed = _fixed_sets(automaton, seeds, prefixes)
     centres = _mean_points(automaton, fixed)
+    norms = _norms(words, bases, inverses, fixed)
     if len(centres) == 1:
-        centres = _best_centre(words, bases, inverses, fixed, centres)
-    radii = _radii(words, bases, inverses, fixed, centres)
+        centres = _best_centre(words, norms, fixed, centres)
+    radii = _radii(words, norms, fixed, centres)
     nothing = np.full_like(centres, np.inf)
     return _Enclosure(inverses, centres, radii, -nothing, nothing)
 
@@ -262,17 +263,39 @@ def _mean_points(automaton: Automaton, fixed: list[_Fixed]) -> NDArray[np.float6
     return np.asarray(np.linalg.solve(system, right)).reshape(-1, 3)
 
 
-def _best_centre(
+class _Norms(NamedTuple):
+    """What radii are made of, wherever centres are.
+
+    ``bases`` (s, 3, 3) of the norms of states, those of the words' ``sources`` (k, 3, 3)
+    transposed; how far words ``shrink``, (k,); how ``wide`` a state's drawn balls are, (n,) each.
+    """
+
+    bases: NDArray[np.float64]
+    sources: NDArray[np.float64]
+    shrink: NDArray[np.float64]
+    wide: list[NDArray[np.float64]]
+
+
+def _norms(
     words: _Words,
     bases: NDArray[np.float64],
     inverses: NDArray[np.float64],
     fixed: list[_Fixed],
-    start: NDArray[np.float64],
+) -> _Norms:
+    transposed = bases.transpose(0, 2, 1)
+    sources = transposed[words.sources]
+    shrink = np.linalg.norm(sources @ words.A @ inverses[words.targets], 2, axis=(1, 2))
+    wide = [np.linalg.norm(transposed[q] @ own.around, 2, (1, 2)) for q, own in enumerate(fixed)]
+    return _Norms(bases, sources, shrink, wide)
+
+
+def _best_centre(
+    words: _Words, norms: _Norms, fixed: list[_Fixed], start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     from scipy.optimize import minimize
 
     def radius(centre: NDArray[np.float64]) -> float:
-        return float(_radii(words, bases, inverses, fixed, centre.reshape(1, 3))[0])
+        return float(_radii(words, norms, fixed, centre.reshape(1, 3))[0])
 
     spread = max(radius(start[0]), 1e-12)
     simplex = start[0] + spread * 0.2 * np.vstack([np.zeros(3), np.eye(3)])
@@ -282,28 +305,19 @@ def _best_centre(
 
 
 def _radii(
-    words: _Words,
-    bases: NDArray[np.float64],
-    inverses: NDArray[np.float64],
-    fixed: list[_Fixed],
-    centres: NDArray[np.float64],
+    words: _Words, norms: _Norms, fixed: list[_Fixed], centres: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the radii for which every word sends the target's ellipsoid into the source's."""
-    transposed = bases.transpose(0, 2, 1)
     reach = np.zeros(len(centres))
-    for q, (points, around) in enumerate(fixed):
+    for q, (points, _) in enumerate(fixed):
         if len(points):
-            distances = np.linalg.norm((points - centres[q]) @ bases[q], axis=1)
-            distances += np.linalg.norm(transposed[q] @ around, 2, axis=(1, 2))
-            reach[q] = distances.max()
+            distances = np.linalg.norm((points - centres[q]) @ norms.bases[q], axis=1)
+            reach[q] = (distances + norms.wide[q]).max()
     if not len(words.sources):
         return reach * (1 + SLACK) + SLACK * 1e-3
-    left = transposed[words.sources]
-    shrink = np.linalg.norm(left @ words.A @ inverses[words.targets], 2, axis=(1, 2))
     images = np.einsum("kij,kj->ki", words.A, centres[words.targets]) + words.b
-    shifts = np.einsum("kij,kj->ki", left, images - centres[words.sources])
-    shift = np.linalg.norm(shifts, axis=1)
-    return _least(words, shrink, shift, reach)
+    shifts = np.einsum("kij,kj->ki", norms.sources, images - centres[words.sources])
+    return _least(words, norms.shrink, np.linalg.norm(shifts, axis=1), reach)
 
 
 def _least(
