@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import FormatError
-from porous.formats._elements import Draft, rows
+from porous.formats._elements import Draft
 from porous.formats._registry import Format
-from porous.formats.gate import refuse, whole
+from porous.formats.gate import numbers, refuse, whole
 from porous.values import Job, VolumeMesh
 from porous.values.units import length_ratio
 
@@ -75,17 +75,33 @@ WIDTH = 78
 
 def read(source: Source) -> VolumeMesh:
     """Read nodes and volume elements; whatever else the deck says is passed over."""
-    draft, labels = Draft(source), []
+    draft = Draft(source)
+    nodes: list[bytes] = []
+    elements: dict[str, list[bytes]] = {}
     for keyword, options, body in _cards(source.data):
         if keyword in ELSEWHERE:
             refuse("card", f"*{keyword}", ELSEWHERE[keyword])
-        if keyword in ("NODE", "ELEMENT") and "INPUT" in options:
-            refuse(f"*{keyword} INPUT", options["INPUT"], "all of the deck in one file")
+        if keyword in ("NODE", "ELEMENT"):
+            _check_options(keyword, options)
         if keyword == "NODE":
-            _read_nodes(draft, options, body)
-        elif keyword == "ELEMENT":
-            labels.append(_read_elements(draft, options, body))
-    if draft.cells and not _all_different(np.concatenate(labels)):
+            nodes.append(body)
+        elif keyword == "ELEMENT" and (kind := _kind(options)):
+            elements.setdefault(kind, []).append(body)
+    return _mesh(draft, b"".join(nodes), {k: b"".join(bodies) for k, bodies in elements.items()})
+
+
+def _mesh(draft: Draft, nodes: bytes, elements: dict[str, bytes]) -> VolumeMesh:
+    table = _table(nodes, 4, "*NODE")
+    draft.add_nodes(whole(table[:, 0], "*NODE"), table[:, 1:])
+    labels = [np.zeros(0, np.int64)]
+    for kind, body in elements.items():
+        shape, count = READ[kind]
+        what = f"*ELEMENT of {count} nodes"
+        cells = whole(_table(body, 1 + count, what, spread=True), what)
+        draft.add_cells(shape, cells[:, 1:])
+        labels.append(cells[:, 0])
+    numbered = np.concatenate(labels)
+    if len(np.unique(numbered)) < len(numbered):
         raise FormatError("*ELEMENT: a number stands twice; wanted each once")
     return draft.mesh()
 
@@ -110,36 +126,48 @@ def _line_end(data: bytes, start: int, stop: int) -> int:
     return stop if end < 0 else end
 
 
-def _read_nodes(draft: Draft, options: dict[str, str], body: bytes) -> None:
+def _check_options(keyword: str, options: dict[str, str]) -> None:
+    if "INPUT" in options:
+        refuse(f"*{keyword} INPUT", options["INPUT"], "all of the deck in one file")
     if (system := options.get("SYSTEM", "R").upper()) != "R":
-        refuse("*NODE SYSTEM", system, "R: nodes as x, y and z")
-    table = rows(_data(body, options, "*NODE"), 4, "*NODE")
-    draft.add_nodes(whole(table[:, 0], "*NODE"), table[:, 1:])
-
-
-def _read_elements(draft: Draft, options: dict[str, str], body: bytes) -> NDArray[np.int64]:
-    """Add the elements of a card to the draft, and return their numbers."""
-    kind = options.get("TYPE", "").upper()
-    if FLAT.fullmatch(kind):
-        return np.zeros(0, np.int64)
-    volume = VOLUME.fullmatch(kind)
-    if volume is None or volume[1] not in READ:
-        refuse("*ELEMENT TYPE", kind, "C3D8, C3D20, C3D4, C3D10 and their kin")
-    shape, nodes = READ[volume[1]]
-    text = _data(body, options, "*ELEMENT")
-    table = whole(rows(text, 1 + nodes, f"*ELEMENT of {kind}", spread=True), "*ELEMENT")
-    draft.add_cells(shape, table[:, 1:])
-    return table[:, 0]
-
-
-def _data(body: bytes, options: dict[str, str], what: str) -> bytes:
+        refuse(f"*{keyword} SYSTEM", system, "R: nodes as x, y and z")
     if lost := next((name for name in options if not name[:1].isalpha()), None):
-        refuse(f"{what}, an option", lost, "a name, and no comma at the end of the card")
-    return COMMENT.sub(b"", body).translate(DATA)
+        refuse(f"*{keyword}, an option", lost, "a name, and no comma at the end of the card")
 
 
-def _all_different(labels: NDArray[np.int64]) -> bool:
-    return len(np.unique(labels)) == len(labels)
+def _kind(options: dict[str, str]) -> str:
+    """Return the number in the name of a volume element, nothing for what has no volume."""
+    name = options.get("TYPE", "").upper()
+    if FLAT.fullmatch(name):
+        return ""
+    volume = VOLUME.fullmatch(name)
+    if volume is None or volume[1] not in READ:
+        refuse("*ELEMENT TYPE", name, "C3D8, C3D20, C3D4, C3D10 and their kin")
+    return volume[1]
+
+
+def _table(body: bytes, width: int, what: str, *, spread: bool = False) -> NDArray[np.float64]:
+    """Return lines of data as rows of ``width`` numbers, which may be ``spread`` over several.
+
+    A line never holds numbers of two rows, so that a number too few or too many is not made up for
+    by the next line.
+    """
+    text = COMMENT.sub(b"", body).translate(DATA)
+    values = numbers(text, what)
+    codes = np.frombuffer(text, np.uint8)
+    word = codes > 32  # white space, as bytes.split() has it, lies below
+    begins = np.flatnonzero(word & ~np.concatenate([[False], word[:-1]]))
+    ends = np.append(np.searchsorted(begins, np.flatnonzero(codes == 10)), len(begins))
+    starts = np.append(0, ends[:-1])
+    good = (starts // width == (ends - 1) // width) if spread else (ends - starts == width)
+    good[starts == ends] = True
+    if len(values) % width:  # the last row lacks numbers
+        good[np.flatnonzero(starts < ends)[-1:]] = False
+    if not good.all() or len(values) != len(begins):
+        line = int(np.argmin(good))
+        got = text.split(b"\n", line + 1)[line].decode("utf-8", "replace")
+        refuse(f"{what}: a line", got.strip(), f"{width} numbers")
+    return values.reshape(-1, width)
 
 
 def write(value: Job | VolumeMesh) -> Iterator[bytes]:
