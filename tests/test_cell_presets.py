@@ -17,6 +17,8 @@ CELLS = (
     "menger-arch",
     "menger-rough",
     "menger-halved",
+    "menger-cylinder",
+    "menger-twisted",
     "mosely-block",
     "vicsek-block",
     "sierpinski-lattice",

@@ -412,3 +412,49 @@ def test_a_hanging_corner_is_refused(tmp_path):
     ]
     with pytest.raises(ModelError, match="is a corner, but lies within an edge of cell 4"):
         recipe(tmp_path, controls=points.array.T.tolist(), cells=cells)
+
+
+# --- walls of circles ----------------------------------------------------------------------
+
+
+def arc(t, angle):
+    """Return the angle of the point at t of a rational arc of an angle, from its start."""
+    weight, far = np.cos(angle / 2), 1 / np.cos(angle / 2)
+    ends = (1 - t) ** 2, t**2
+    middle = 2 * t * (1 - t) * weight * far
+    x = ends[0] + middle * np.cos(angle / 2) + ends[1] * np.cos(angle)
+    y = middle * np.sin(angle / 2) + ends[1] * np.sin(angle)
+    return np.arctan2(y, x)
+
+
+def test_a_hollow_cylinder_is_as_round_and_as_heavy_as_its_arcs():
+    model = po.build(po.load("menger-cylinder"))
+    assert_conforms(model)
+    mesh = model.cell_mesh()
+    assert model.counts == tuple(np.linalg.matrix_power(W, 2) @ (48, 96, 60, 12))
+    # A sponge's cells in radius, angle and height; the angle is what the arc makes of t.
+    steps = np.arange(10) / 9
+    angles = 12 * np.diff(arc(steps, np.pi / 6))
+    sectors = np.diff((6 + 4 * steps) ** 2) / 2
+    first = MENGER[0].keep
+    places = (3 * first[:, None] + first).reshape(-1, 3)
+    volume = (sectors[places[:, 0]] * angles[places[:, 1]]).sum() * 5 / 9
+    assert mesh.volumes.sum() == pytest.approx(volume, rel=1e-3)
+    radii = np.hypot(mesh.points[:, 0], mesh.points[:, 1])
+    assert radii.min() == pytest.approx(6, abs=1e-8)
+    assert radii.max() == pytest.approx(10, abs=1e-8)
+    assert model.domain.lower == pytest.approx((-10, -10, 0), abs=1e-8)
+    assert model.domain.upper == pytest.approx((10, 10, 5), abs=1e-8)
+    assert {"ZMIN", "ZMAX"} <= set(mesh.parts)
+
+
+def test_a_hollow_cylinder_is_the_same_in_other_frames():
+    recipe = po.load("menger-cylinder")
+    cells = meshes.shuffled(recipe.model.cells, np.random.default_rng(15))
+    model = po.build(po.load("menger-cylinder", set={"model.cells": cells}))
+    plain = po.build(recipe)
+    assert model.counts == plain.counts
+    assert_conforms(model)
+    assert model.cell_mesh().volumes.sum() == pytest.approx(
+        plain.cell_mesh().volumes.sum(), rel=1e-12
+    )

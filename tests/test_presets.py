@@ -38,6 +38,8 @@ NAMES = {
     "menger-arch",
     "menger-rough",
     "menger-halved",
+    "menger-cylinder",
+    "menger-twisted",
     "menger-warped",
     "mosely-block",
     "vicsek-block",
