@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from porous.errors import ModelError
+from porous.models.automaton import cells, count_cells, words
 from porous.models.rational import is_rational, positions
 from porous.models.weight_intervals import (
     Intervals,
@@ -47,6 +48,9 @@ MOST_STEPS = 20
 
 WEIGHT = 0.01
 """Bounds on weights may be off by this part of the least one given."""
+
+FEW_LEVELS = 12
+"""Levels that are looked through for the first weight that is not above zero."""
 
 ROUNDS = 4
 """How often intervals are narrowed before the box is left looser."""
@@ -98,15 +102,15 @@ def control_box(
     if not tolerance > 0:
         raise ModelError(f"box of control points: got tolerance {tolerance}; wanted more than 0")
     part, drawings = endless(automaton, drawn or {})
-    cells = [(group.state, points) for group in automaton.level_zero for points in group.points]
-    shown = np.hstack([positions(points @ drawings[q]) for q, points in cells])
-    open_ = [(part.states.index(q), points) for q, points in cells if q in part.states]
+    placed = [(group.state, points) for group in automaton.level_zero for points in group.points]
+    shown = np.hstack([positions(points @ drawings[q]) for q, points in placed])
+    open_ = [(part.states.index(q), points) for q, points in placed if q in part.states]
     if not open_ and not shown.size:
         raise ModelError("box of control points: nothing is drawn and every path ends")
     reached = np.vstack([shown, -shown]).max(axis=1, initial=-np.inf)
     if open_:
         weights = weights_of(part)
-        search = _Search(weights, intervals(weights), [q for q, _ in open_])
+        search = _Search(automaton, weights, intervals(weights), [q for q, _ in open_])
         reached = _reach(search, [points for _, points in open_], reached, tolerance)
     return Box(tuple((-reached[3:]).tolist()), tuple(reached[:3].tolist()))
 
@@ -117,8 +121,10 @@ class _Search:
     Forms are given for each level-0 cell with endless paths, (k, m), on its state's weights.
     """
 
-    def __init__(self, weights: Weights, held: Intervals, states: list[int]) -> None:
-        self.weights, self.held, self.states = weights, held, states
+    def __init__(
+        self, automaton: Automaton, weights: Weights, held: Intervals, states: list[int]
+    ) -> None:
+        self.automaton, self.weights, self.held, self.states = automaton, weights, held, states
         self.rounds = ROUNDS
 
     def largest(self, forms: list[Floats], tolerance: float) -> tuple[Floats, Floats]:
@@ -174,10 +180,24 @@ def _weights(search: _Search, weights: list[Floats]) -> tuple[float, float]:
     if not upper[0] < 0:
         got = f"fall to {-best[0]:.6g}" if best[0] >= 0 else "may fall to zero"
         raise ModelError(
-            f"controls: the weights of smaller cells {got}; wanted weights above zero everywhere: "
-            "weights closer to each other, or less texture"
+            f"controls: the weights of smaller cells {got}{_first(search.automaton)}; wanted "
+            "weights above zero everywhere: weights closer to each other, or less texture"
         )
     return float(-upper[0]), float(upper[1])
+
+
+def _first(automaton: Automaton) -> str:
+    """Return what the first weight of a control is, of few cells, that is not above zero."""
+    for level in range(1, FEW_LEVELS):
+        if count_cells(automaton, level) > MOST_ROWS:
+            break
+        for group in cells(automaton, level):
+            lowest = group.points[:, 3].min(axis=1)
+            if lowest.min() <= 0:
+                first = int(lowest.argmin())
+                word = ".".join(map(str, words(automaton, level)[group.place[first]]))
+                return f", to {lowest[first]:.6g} at a control of cell {word} (children by number)"
+    return ""
 
 
 def _roots(
