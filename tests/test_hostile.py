@@ -298,11 +298,9 @@ GOOD = {
     "inp-text": (".inp", inp(tail="*STEP\n*STATIC\n*END STEP\n")),
     "inp-ours": (".inp", written(VOLUME, ".inp")),
     "msh-2-text": (".msh", msh2()),
-    "msh-2-packed": (".msh", packed_msh2()),
     "msh-2-big": (".msh", packed_msh2(">")),
     "msh-4-text": (".msh", msh4()),
     "msh-4-packed": (".msh", packed_msh4()),
-    "msh-4-big": (".msh", packed_msh4(">", size=4)),
     "npz-stored": (".npz", npz(method=zipfile.ZIP_STORED)),
     "npz-ours": (".npz", written(GRID, ".npz")),
 }
@@ -780,6 +778,8 @@ MSH = {
     "one cell": (msh2(), is_a_brick),
     "one cell, 4.1": (msh4(), is_a_brick),
     "lines of Windows": (msh2().replace(b"\n", b"\r\n"), is_a_brick),
+    "one cell, binary": (packed_msh2(), is_a_brick),
+    "one cell, 4.1, binary, sizes of four bytes": (packed_msh4(">", size=4), is_a_brick),
     "lines of Windows, 4.1": (msh4().replace(b"\n", b"\r\n"), is_a_brick),
     "an element for each of its groups": (
         msh2(total=3, elements="".join(f"{i} 5 2 {i} 1 {CELL}\n" for i in (1, 2, 3))),
