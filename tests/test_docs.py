@@ -19,7 +19,14 @@ from porous.values.measure import ORDER
 
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
-NOT_MEASURES |= {"HeightMap", "height_map", "roughness", "roughness_of_sides"}
+NOT_MEASURES |= {
+    "HeightMap",
+    "Variogram",
+    "height_map",
+    "roughness",
+    "roughness_of_sides",
+    "variogram",
+}
 UNEQUAL = [(np.diag([1 / 2, 1 / 3, 1 / 2]), np.full(3, shift)) for shift in (0.0, 0.5)]
 TETRAHEDRON = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5.0]])
 

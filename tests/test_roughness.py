@@ -1,7 +1,9 @@
 """Rough skins: heights by their definition, dimensions and amplitudes as asked for, measured."""
 
+import csv
 import math
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from porous.measures import (
     measure,
     roughness,
     roughness_of_sides,
+    variogram,
 )
 from porous.models.digits import named
 from porous.models.relief import DEEPEST, Relief
@@ -307,6 +310,36 @@ def test_what_is_drawn_has_the_dimension_asked_for(dimension, seed):
     rows = values(HeightMap(z, (0.1, 0.1)))
     assert rows["dimension", "variogram"].value == pytest.approx(dimension, abs=0.05)
     assert rows["dimension", "variation"].value == pytest.approx(dimension, abs=0.15)
+
+
+def test_a_variogram_is_the_mean_of_second_differences():
+    z = np.random.default_rng(3).normal(size=(70, 64)).cumsum(axis=0).cumsum(axis=1)
+    found = variogram(HeightMap(z, (0.3, 0.7)))
+    assert 3 <= len(found.distances) <= 5
+    for lag, mean in zip(found.distances, found.means, strict=True):
+        along = [
+            (z[i - lag, j] - 2 * z[i, j] + z[i + lag, j]) ** 2
+            for j in range(64)
+            for i in range(lag, 70 - lag)
+        ]
+        across = [
+            (z[i, j - lag] - 2 * z[i, j] + z[i, j + lag]) ** 2
+            for i in range(70)
+            for j in range(lag, 64 - lag)
+        ]
+        assert mean == pytest.approx(math.sqrt(np.mean(along) * np.mean(across)))
+        assert mean <= 2.5 * z.var()
+    assert not len(variogram(HeightMap(z[:12], (1, 1))).distances)
+
+
+def test_the_study_has_the_dimensions_asked_for():
+    path = Path(__file__).parent.parent / "analysis" / "results" / "09_rough_skins.csv"
+    with path.open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["voxels"] == "256"]
+    judged = [row for row in rows if row["bumps"] != "1, outwards"]
+    assert {row["dimension"] for row in judged} == {"2.1", "2.2", "2.3"}
+    assert max(float(row["worst_error"]) for row in judged) <= 0.05
+    assert max(abs(float(row["sq_error_percent"])) for row in judged) <= 1
 
 
 def test_a_map_that_cannot_be_is_refused():

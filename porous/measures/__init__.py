@@ -24,7 +24,14 @@ from porous.measures._pores import (
     through_porosity_z,
 )
 from porous.measures._porosity import porosity, relative_density
-from porous.measures._roughness import HeightMap, height_map, roughness, roughness_of_sides
+from porous.measures._roughness import (
+    HeightMap,
+    Variogram,
+    height_map,
+    roughness,
+    roughness_of_sides,
+    variogram,
+)
 from porous.measures._surface_area import (
     interface_area,
     specific_surface_area,
@@ -45,6 +52,7 @@ __all__ = [
     "Census",
     "HeightMap",
     "Journal",
+    "Variogram",
     "affinity_dimension",
     "box_counts",
     "box_dimension",
@@ -77,5 +85,6 @@ __all__ = [
     "through_porosity_y",
     "through_porosity_z",
     "tiles_of",
+    "variogram",
     "volume",
 ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import takewhile
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -105,6 +105,13 @@ class HeightMap(Value):
         means = self.heights[: 2 * n, : 2 * m].reshape(n, 2, m, 2).mean(axis=(1, 3))
         a, b = self.spacing
         return HeightMap(means, (2 * a, 2 * b), self.unit, self.doubt)
+
+
+class Variogram(NamedTuple):
+    """Distances in columns, int64 (n,), and the mean squares of second differences, (n,)."""
+
+    distances: NDArray[np.int64]
+    means: NDArray[np.float64]
 
 
 def height_map(grid: Tiled, face: str, *, within: Box | None = None) -> HeightMap:
@@ -265,18 +272,31 @@ def _developed(z: Floats, spacing: tuple[float, float]) -> float:
     return float(np.mean([np.sqrt(1 + p**2 + q**2).mean() for p, q in pairs])) - 1
 
 
-def _dimensions(heights: HeightMap, side: str) -> Iterator[Measure]:
+def variogram(heights: HeightMap) -> Variogram:
+    """Return the variogram of second differences that a map's dimension is fitted to.
+
+    Its means are geometric ones over both edges, in the map's unit squared: a lattice of unequal
+    distances multiplies all of one edge alike, which changes no slope. Distances are as told of
+    ``roughness``; of a map that is small or flat there are none.
+    """
     z = heights.residual
     square, longest = float((z**2).mean()), min(z.shape) // PART
-    rows = [(lag, _second(z, lag)) for lag in LAGS if lag <= longest]
+    rows = ((lag, _second(z, lag)) for lag in LAGS if lag <= longest)
     # Beyond the largest bumps they may fall again: a lattice of bumps is periodic.
     told = list(takewhile(lambda row: 0 < row[1] <= ROUGH * square, rows))
-    if len(told) < POINTS:
+    return Variogram(
+        np.array([lag for lag, _ in told], np.int64), np.array([mean for _, mean in told])
+    )
+
+
+def _dimensions(heights: HeightMap, side: str) -> Iterator[Measure]:
+    found = variogram(heights)
+    if len(found.distances) < POINTS:
         return
-    lags = [math.log(lag) for lag, _ in told]
-    ranges = [math.log(_range(z, lag)) for lag, _ in told]
-    slope, doubt = line(lags, [math.log(mean) for _, mean in told])
+    lags = np.log(found.distances).tolist()
+    slope, doubt = line(lags, np.log(found.means).tolist())
     yield _dimension(side, VARIOGRAM, 3 - slope / 2, doubt / 2)
+    ranges = [math.log(_range(heights.residual, lag)) for lag in found.distances.tolist()]
     slope, doubt = line(lags, ranges)
     yield _dimension(side, VARIATION, 3 - slope, doubt)
 
@@ -286,10 +306,6 @@ def _dimension(side: str, method: str, value: float, doubt: float) -> Measure:
 
 
 def _second(z: Floats, lag: int) -> float:
-    """Return the geometric mean, over both edges, of the mean square of second differences.
-
-    A lattice of unequal distances multiplies all of one edge alike, which changes no slope.
-    """
     means = [
         float(((w[2 * lag :] - 2 * w[lag:-lag] + w[: -2 * lag]) ** 2).mean()) for w in (z, z.T)
     ]

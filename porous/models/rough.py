@@ -180,17 +180,23 @@ class Rough(Value):
 
     @cached_property
     def rough_faces(self) -> Mapping[str, Box]:
-        """A box about each skin that lies bare: of a solid block, not of what another model is."""
+        """A box about each skin that lies bare, within what no pit of another face may reach.
+
+        There are none where another model is cut, for that may have pores.
+        """
         if self.model is not None:
             return MappingProxyType({})
         return MappingProxyType({face: self._about(face) for face in self.reliefs})
 
     def _about(self, face: str) -> Box:
-        axis, ends = _axis(face), [list(self.core.lower), list(self.core.upper)]
-        low, high = (_out(face) * reach for reach in self._reach(face))
-        plane = ends[SIDES.index(face) % 2][axis]
-        ends[0][axis], ends[1][axis] = plane + min(low, high), plane + max(low, high)
-        return Box(*map(tuple, ends))  # type: ignore[arg-type]
+        axis = _axis(face)
+        pits = [self._reach(side)[0] for side in SIDES]
+        lower = [a - pit for a, pit in zip(self.core.lower, pits[0::2], strict=True)]
+        upper = [a + pit for a, pit in zip(self.core.upper, pits[1::2], strict=True)]
+        lower[axis], upper[axis] = sorted(
+            self._plane(face) + _out(face) * reach for reach in self._reach(face)
+        )
+        return Box(tuple(lower), tuple(upper))  # type: ignore[arg-type]
 
     def _reach(self, face: str) -> tuple[float, float]:
         """Return bounds on the heights of a face, (0, 0) of a flat one."""
@@ -258,8 +264,11 @@ class Rough(Value):
 
     def _beyond(self, face: str, coordinates: Floats) -> Floats:
         """Return how far outwards of the core's side coordinates lie."""
-        ends = self.core.lower, self.core.upper
-        return _out(face) * (coordinates - ends[SIDES.index(face) % 2][_axis(face)])
+        return _out(face) * (coordinates - self._plane(face))
+
+    def _plane(self, face: str) -> float:
+        """Return where the core's side lies along its axis."""
+        return (self.core.lower, self.core.upper)[SIDES.index(face) % 2][_axis(face)]
 
     def _heights(self, face: str, places: Floats, levels: int | None = None) -> Floats:
         """Return the heights (n,) over points (n, 2) of a face's plane, in ``unit``."""
