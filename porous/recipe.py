@@ -400,7 +400,8 @@ def _resolve_files(
         field = section.model_fields.get(key)
         for part in _models_in(field.annotation if field else None):
             _resolve_files(value, part, folder, name, f"{path}.{key}")
-        if field is not None and field.annotation is Path and isinstance(value, str):
+        kinds = (field.annotation, *get_args(field.annotation)) if field else ()
+        if Path in kinds and isinstance(value, str):
             table[key] = str(_resolved(value, folder, f"{name}: {path}.{key}"))
 
 

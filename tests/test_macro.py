@@ -22,7 +22,7 @@ from porous.models.digits import DigitSet, named
 from porous.models.macro import MacroMesh, with_middles
 from porous.models.macro_frames import Families, Hexahedron, assembled
 from porous.models.solve import solve
-from porous.values import CENTRE, Box, Frame
+from porous.values import CENTRE, Block, Box, Frame, VolumeMesh
 from porous.values.surface_topology import defects, euler_number
 from porous.values.volume_topology import boundary_faces
 
@@ -286,7 +286,8 @@ def test_the_deck_of_a_part_of_sixty_four_cells_runs_as_written(judge):
 def recipe(tmp_path, **model):
     import tomli_w
 
-    table = {"kind": "bcifs", "cell": "hex-8", "level": 1, "digits": {"keep": "menger"}, **model}
+    table = {"kind": "bcifs", "cell": "hex-8", "level": 1, "digits": {"keep": "menger"}} | model
+    table = {key: value for key, value in table.items() if value is not None}
     path = tmp_path / "body.toml"
     path.write_text(tomli_w.dumps({"format": 1, "title": "body", "model": table}))
     return po.build(po.load(path))
@@ -382,9 +383,8 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_bad_meshes_are_refused_in_one_line(case, tmp_path):
     change, text = BAD[case]
-    model = {key: value for key, value in (ROW | change).items() if value is not None}
     with pytest.raises((ModelError, RecipeError), match=text) as caught:
-        recipe(tmp_path, **model)
+        recipe(tmp_path, **ROW | change)
     assert "\n" not in str(caught.value)
 
 
@@ -458,3 +458,62 @@ def test_a_hollow_cylinder_is_the_same_in_other_frames():
     assert model.cell_mesh().volumes.sum() == pytest.approx(
         plain.cell_mesh().volumes.sum(), rel=1e-12
     )
+
+
+# --- meshes of others ----------------------------------------------------------------------
+
+HEXAHEDRON = [0, 4, 6, 2, 1, 5, 7, 3]
+"""VTK's corners among those of a cell, x slowest and z fastest."""
+
+
+def part(tmp_path, name="part.vtu", corners=HEXAHEDRON):
+    """Write the part of sixty-four cells as others do."""
+    controls, cells = meshes.grid((4, 4, 4), 2, wave)
+    block = Block("hex8", np.array(cells)[:, corners])
+    po.write(VolumeMesh(controls.T, (block,)), tmp_path / name)
+    return controls, cells
+
+
+@pytest.mark.parametrize("name", ["part.vtu", "part.inp"])
+def test_a_mesh_of_hexahedra_is_filled(tmp_path, name):
+    controls, cells = part(tmp_path, name)
+    model = recipe(tmp_path, mesh=name)
+    assert_conforms(model)
+    plain = body(controls, cells, cell="hex-8", level=1)
+    assert model.counts == plain.counts
+    volume = plain.cell_mesh().volumes.sum()
+    assert model.cell_mesh().volumes.sum() == pytest.approx(volume, rel=1e-9)
+    rough = recipe(tmp_path, mesh=name, cell="hex-27", texture={"edge": 0.3})
+    assert rough.cell_mesh().volumes.sum() == pytest.approx(volume, rel=1e-9)
+
+
+def test_a_folder_keeps_the_mesh_that_its_recipe_names(tmp_path):
+    part(tmp_path)
+    recipe(tmp_path, mesh="part.vtu", level=0)
+    made = po.load(tmp_path / "body.toml", set={"voxels.voxels": 12})
+    po.make(made, tmp_path / "out", only="voxels")
+    again = po.build(po.load(tmp_path / "out" / "recipe.toml"))
+    assert again == po.build(made)
+    assert (tmp_path / "out" / "mesh.vtu").is_file()
+
+
+def test_meshes_that_are_none_are_refused(tmp_path):
+    part(tmp_path)
+    part(tmp_path, "turned.vtu", [4, 0, *HEXAHEDRON[2:]])
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    po.write(VolumeMesh(points, (Block("tet4", np.array([[0, 1, 2, 3]])),)), tmp_path / "tet.vtu")
+    po.write(
+        po.exact_surface(po.build(po.load("menger", set={"model.level": 0}))), tmp_path / "s.stl"
+    )
+    cases = (
+        ({"mesh": "part.vtu", **ROW}, "got both mesh and controls"),
+        ({"mesh": "part.vtu", "cell": "tetra", "digits": None}, "mesh: got cell = 'tetra'"),
+        ({"mesh": "none.vtu"}, r"model\.mesh: got .none\.vtu.; wanted a file"),
+        ({"mesh": "tet.vtu"}, "mesh: tet.vtu: cells: got 1 tet4; wanted hexahedra"),
+        ({"mesh": "s.stl"}, "mesh: s.stl holds a SurfaceMesh; wanted hexahedra"),
+        ({"mesh": "turned.vtu"}, "folded|do not match"),
+    )
+    for model, text in cases:
+        with pytest.raises((ModelError, RecipeError), match=text) as caught:
+            recipe(tmp_path, **model)
+        assert "\n" not in str(caught.value)

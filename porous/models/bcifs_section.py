@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path  # noqa: TC003  (pydantic reads it)
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from porous.errors import ModelError, nearest
+from porous.errors import MeshError, ModelError, nearest
+from porous.formats import read
 from porous.models.automaton import DEEPEST
 from porous.models.builders import CurveSection, Options, Texture, build_cell, cell_names
-from porous.models.macro import MacroMesh, with_middles
+from porous.models.macro import MacroMesh, of_hexahedra, with_middles
 from porous.models.macro_frames import Families, Hexahedron, assembled
 from porous.models.rational import columns
 from porous.models.sections import BoxSection, DigitsSection, Section
 from porous.models.states import StateSection, build_states
 from porous.models.swept_body import Sweep
+from porous.values import HexMesh, VolumeMesh
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -179,8 +181,17 @@ class BCIFSSection(Section):
             raise ValueError('draw: wanted { along = ["edges"], radius = … } for cell = "beam"')
         return self
 
+    mesh: Path | None = Field(
+        default=None,
+        strict=False,
+        description="a path to a file of hexahedra (.vtu, .inp or .msh), in place of controls and "
+        "cells",
+    )
+
     @model_validator(mode="after")
     def _own_digits(self) -> Self:
+        if self.mesh is not None:
+            self._check_mesh()
         if self.cells is None:
             return self
         if self.controls is None:
@@ -192,6 +203,16 @@ class BCIFSSection(Section):
                     f"{' and '.join(HEXAHEDRA)} may differ"
                 )
         return self
+
+    def _check_mesh(self) -> None:
+        for name in ("controls", "cells"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"got both mesh and {name}; wanted one")
+        if self.cell not in HEXAHEDRA:
+            raise ValueError(
+                f"mesh: got cell = {self.cell!r}, but hexahedra are filled with cells of "
+                f"{' or '.join(HEXAHEDRA)}"
+            )
 
     def digit_sets(self) -> tuple[DigitSet, ...]:
         """Return the digit set of each level."""
@@ -217,19 +238,33 @@ class System(NamedTuple):
     digits: tuple[DigitSet, ...]
 
 
-def system_of(section: BCIFSSection, _: Path) -> System:
+def system_of(section: BCIFSSection, folder: Path) -> System:
     """Return the states, controls and cells of a section.
+
+    Parameters
+    ----------
+    section
+        What the recipe says.
+    folder
+        Where its mesh is looked for.
 
     Raises
     ------
     ModelError
-        As ``build_cell`` and ``assembled``; for as many textures as fit no count.
+        As ``build_cell`` and ``assembled``; for as many textures as fit no count, a mesh of
+        anything but hexahedra.
+    FormatError
+        For a mesh that cannot be read.
     """
-    controls = None if section.controls is None else columns(section.controls)
-    if section.cells is None or controls is None:
+    controls: Floats | None
+    if section.mesh is not None:
+        controls, lists = of_hexahedra(_read(folder / section.mesh))
+    else:
+        controls = None if section.controls is None else columns(section.controls)
+        lists = [c.controls if isinstance(c, CellSection) else c for c in section.cells or ()]
+    if controls is None or not lists:
         size = None if controls is None else controls.shape[1]
         return System(_brep(section, size), controls, None, section.digit_sets())
-    lists = [cell.controls if isinstance(cell, CellSection) else cell for cell in section.cells]
     if section.cell not in HEXAHEDRA:
         brep = _brep(section, len(lists[0]))
         mesh = MacroMesh(tuple(lists), (brep.start,) * len(lists))
@@ -240,11 +275,20 @@ def system_of(section: BCIFSSection, _: Path) -> System:
     return System(found.brep, controls, found.mesh, found.digits)
 
 
+def _read(path: Path) -> HexMesh:
+    found = read(path)
+    if not isinstance(found, VolumeMesh):
+        raise ModelError(f"mesh: {path.name} holds a {type(found).__name__}; wanted hexahedra")
+    try:
+        return HexMesh.of_volume(found)
+    except MeshError as error:
+        raise ModelError(f"mesh: {path.name}: {error}") from None
+
+
 def _hexahedra(section: BCIFSSection, lists: Sequence[tuple[int, ...]]) -> list[Hexahedron]:
-    assert section.cells is not None
     common = _common_textures(section, lists)
     result = []
-    for index, (cell, own) in enumerate(zip(section.cells, lists, strict=True)):
+    for index, (cell, own) in enumerate(zip(section.cells or lists, lists, strict=True)):
         digits, textures = section.digit_sets(), common[index]
         if isinstance(cell, CellSection):
             digits = _digit_sets(cell.digits) or digits

@@ -15,6 +15,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.models.automaton import Cells
+from porous.models.cell_shapes import CUTS
 from porous.models.closure import closure
 from porous.models.complex import INTERIOR, CellEntities, Complex
 from porous.values.surface_topology import joined
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from porous.models.brep import BRep
     from porous.models.closure import Closure
     from porous.models.solve import Solution
+    from porous.values import HexMesh
 
     Floats = NDArray[np.float64]
     Order = tuple[int, ...]
@@ -65,6 +67,16 @@ class MacroMesh(Value):
                 indices = np.array([self.cells[cell] for cell in place])
                 result.append(Cells(number, np.moveaxis(controls[:, indices], 0, 1), place))
         return tuple(result)
+
+
+def of_hexahedra(mesh: HexMesh) -> tuple[Floats, list[tuple[int, ...]]]:
+    """Return the controls (3, n) and cells of a mesh of hexahedra, in the order of a cell's.
+
+    That is x slowest and z fastest; ``with_middles`` makes cells of 27 of them.
+    """
+    ((element,), _) = CUTS["hexa"][1]
+    places = np.argsort(element)
+    return mesh.points.T, [tuple(row) for row in mesh.hexahedra[:, places].tolist()]
 
 
 def with_middles(
