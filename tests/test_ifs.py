@@ -1,5 +1,6 @@
 """Iterated function systems: models and recipes, domains, closed forms, voxels of automata."""
 
+import itertools
 import math
 import pickle
 import tomllib
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import binary_dilation
 from test_automaton import duplicated, renamed
 
 import porous as po
@@ -524,17 +526,76 @@ def moved(shift):
     solid = po.exact_surface(
         po.ifs([(np.eye(3) / 2, np.zeros(3))], level=0, primitive="tetrahedron")
     )
-    return po.ifs(maps, level=3, primitive=SurfaceMesh(solid.points + place, solid.triangles))
+    lower, upper = np.array([-0.55, -0.3, -0.05]), np.array([1.1, 1.2, 1.03])
+    return po.ifs(
+        maps,
+        level=3,
+        primitive=SurfaceMesh(solid.points + place, solid.triangles),
+        domain=Box(tuple(place + lower), tuple(place + upper)),
+    )
 
 
 def test_a_body_far_away_is_the_same_or_refused():
-    """Rounding grows with the cube of coordinates: voxels are right, or there are none."""
+    """Rounding grows with the coordinates: voxels are right, or there are none."""
     near = po.voxelize(moved(0.0), voxels=40)
     volume = int(near.fill.sum())
-    for shift in (1.0, 30.0, 300.0):
+    for shift in (1.0, 30.0, 300.0, 1e6, 1e9):
         assert int(po.voxelize(moved(shift), voxels=40).fill.sum()) == pytest.approx(
             volume, rel=1e-3
         )
     for sampling in ("fill", "cover"):
-        with pytest.raises(ModelError, match=r"lies at coordinates up to 1e\+06 mm"):
-            po.voxelize(moved(1e6), voxels=40, sampling=sampling)
+        with pytest.raises(ModelError, match=r"lies at coordinates up to 1e\+13 mm"):
+            po.voxelize(moved(1e13), voxels=40, sampling=sampling)
+    # An automaton whose controls are the unit axes loses digits of its matrices far away.
+    maps = [(np.eye(3) / 2, np.full(3, 1e6) + corner) for corner in np.eye(3)]
+    place = Box((2e6,) * 3, (2e6 + 2, 2e6 + 2, 2e6 + 2))
+    assert po.voxelize(ifs(maps, level="limit", domain=place), voxels=9, sampling="cover")
+    far = ifs(of_maps(maps), level="limit", domain=place)
+    with pytest.raises(ModelError, match="lost in rounding"):
+        po.voxelize(far, voxels=9, sampling="cover")
+
+
+@pytest.mark.parametrize("level", [2, 4, "limit"])
+@pytest.mark.parametrize("turn", [np.eye(3), np.eye(3)[[1, 2, 0]] * [1, -1, 1]])
+def test_a_shift_by_a_power_of_two_leaves_the_same_bytes(level, turn):
+    corners = np.array([[0, 0, 0], [1, 0, 0.5], [0.25, 1, 0], [0, 0.5, 1]])
+    solid = primitives.named("octahedron")
+    found = []
+    for step in (0.0, 2.0**20):
+        shift = step * np.array([1, -1, 0.5])
+        maps = [(turn / 2, b / 2 + shift - turn @ shift / 2) for b in corners]
+        lower, upper = shift - [1, 1.5, 1], shift + np.array([2, 1.5, 2])
+        place = Box(tuple(lower), tuple(upper))
+        body = SurfaceMesh(solid.points + shift, solid.triangles)
+        made = ifs(maps, level=level, primitive=body, domain=place)
+        how = ["cover"] if level == "limit" else ["fill", "cover"]
+        grids = [po.voxelize(made, spacing=(1 / 16, 1 / 32, 3 / 32), sampling=s) for s in how]
+        found.append([(grid.fill, grid.hausdorff) for grid in grids])
+    for (near, bound), (far, other) in zip(*found, strict=True):
+        assert near.any()
+        assert np.array_equal(near, far)
+        assert bound == other
+
+
+@pytest.mark.parametrize("far", [1234.5, 1.1e5, 1.3e8])
+def test_covers_far_away_hold_the_body_within_their_bound(far):
+    here, made = moved(0.0), moved(far)
+    placed = here.frames()
+    corners = np.einsum("kij,nj->kni", placed[:, :, :3], here.primitive.points)
+    corners = (corners + placed[:, None, :, 3]).reshape(-1, 3)
+    near, grid = (po.voxelize(m, voxels=30, sampling="cover") for m in (here, made))
+    assert grid.fill.shape == near.fill.shape
+    shift = np.array(made.domain.lower) - here.domain.lower
+    # A few thousandths of a voxel is what 1e8 coordinates leave of one.
+    spacing, doubt = np.array(grid.frame.spacing), 1e-13 * far / min(grid.frame.spacing) + 1e-9
+    held = np.zeros(len(corners), bool)
+    for nudge in itertools.product((-doubt, doubt), repeat=3):
+        at = (corners + shift - grid.frame.origin) / spacing + nudge
+        index = np.clip(np.floor(at).astype(int), 0, np.array(grid.fill.shape) - 1)
+        held |= grid.fill[tuple(index.T)] > 0
+    assert held.all()
+    # What is marked besides only touches the body, or nearly: it is next to what is near too.
+    beside = binary_dilation(near.fill > 0, np.ones((3, 3, 3)))
+    assert not (grid.fill > 0)[~beside].any()
+    assert ((grid.fill > 0) != (near.fill > 0)).mean() < 0.02
+    assert grid.hausdorff == pytest.approx(near.hausdorff, rel=1e-6)

@@ -213,13 +213,16 @@ class Cells(NamedTuple):
     place: NDArray[np.int64]
 
 
-def of_maps(maps: Iterable[tuple[ArrayLike, ArrayLike]]) -> Automaton:
+def of_maps(maps: Iterable[tuple[ArrayLike, ArrayLike]], *, size: float = 1.0) -> Automaton:
     """Return the one-state automaton of affine maps x ↦ A·x + b of space: T = V⁻¹·F·V.
 
     Parameters
     ----------
     maps
         Pairs of a matrix (3, 3) and a translation (3,).
+    size
+        How far from the origin the other three controls lie, along the axes: a power of two.
+        Translations much longer than that cost digits of the matrices.
 
     Raises
     ------
@@ -231,8 +234,8 @@ def of_maps(maps: Iterable[tuple[ArrayLike, ArrayLike]]) -> Automaton:
         raise ModelError("maps: got none; wanted at least one")
     # The controls are the origin and the ends of the three axes: V is exact, and so is T
     # wherever the maps are dyadic.
-    state = State("cell", np.hstack([np.zeros((3, 1)), np.eye(3)]))
-    transitions = [Transition(0, 0, _weights(matrix, shift)) for matrix, shift in pairs]
+    state = State("cell", np.hstack([np.zeros((3, 1)), np.eye(3) * size]))
+    transitions = [Transition(0, 0, _weights(matrix, shift / size)) for matrix, shift in pairs]
     return Automaton((state,), tuple(transitions))
 
 

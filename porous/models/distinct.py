@@ -30,12 +30,13 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
 
-SAME = 1e-13
+SAME = 2.0**-46
 """Cells of which no control differs by more than this part of the start's size are one.
 
-Where a drawn point is mixed with weights whose absolute values sum to w, n levels move it by n·w
-such parts at most: with w = 5, as for maps of space, and 20 levels 1e-11 of the size, which the
-kernels' slack of 1e-6 of a voxel covers up to 100 000 voxels along an edge.
+64 roundings, about ten times what a level's words differ by that ought to be one. Where a drawn
+point is mixed with weights whose absolute values sum to w, n levels move it by n·w such parts at
+most: with w = 5, as for maps of space, and 20 levels 1.5e-12 of the size, which the kernels' slack
+of 1e-6 of a voxel covers up to 700 000 voxels along an edge.
 """
 
 FEW = 1 << 12

@@ -57,6 +57,9 @@ MOST_MAPS = 100_000
 BOX_TOLERANCE = 1e-3
 """How far too wide the certified box of an orbit may be, as a part of its longest edge."""
 
+NEAR = 16.0
+"""Translations up to this length, and from its inverse on, are near the length of one."""
+
 FUSED = 0.25
 """Radius of the balls that fuse contacts where none is given, as a part of the thinnest cell."""
 
@@ -219,7 +222,8 @@ class IFS(Value):
     def _check_place(self, frame: Frame) -> None:
         from porous.models.rasterise import check_place
 
-        check_place(self.domain, frame, 2 if self.level == "limit" else 3)
+        size = float(np.ptp(self.automaton.states[self.automaton.start].controls))
+        check_place(self.domain, frame, size, 1 if self.level == "limit" else 2)
 
     def check_membership(self) -> None:
         """Raise ``ModelError`` for attractors and grown bodies, known on lattices alone."""
@@ -540,7 +544,16 @@ def _system(
         return of_maps(given.maps), given if name == "cube" else None
     checked = [checked_map(index, *pair) for index, pair in enumerate(maps)]
     found = digit_sets.detect(checked) if checked and name == "cube" else None
-    return of_maps(checked), found
+    return of_maps(checked, size=_reach(checked)), found
+
+
+def _reach(maps: list[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> float:
+    """Return a power of two about as large as the longest translation: there rounding is least.
+
+    One where that is nearly as good: such maps are the automaton of them that anyone would make.
+    """
+    longest = max((float(np.abs(shift).max()) for _, shift in maps), default=0.0)
+    return 2.0 ** math.ceil(math.log2(longest)) if longest > NEAR or 0 < longest < 1 / NEAR else 1.0
 
 
 def _built(

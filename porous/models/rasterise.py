@@ -62,21 +62,30 @@ def cover_pieces(
     return Pieces(primitive, frames, offset, balls).cover(frame)
 
 
-def check_place(domain: Box, frame: Frame, power: int) -> None:
+def check_place(domain: Box, frame: Frame, size: float, power: int) -> None:
     """Refuse a body so far from the origin that rounding moves it by a part of a voxel.
 
-    Maps are weights of controls about the origin, and products of them cancel: pieces of a level
-    lose the cube of their coordinates times the rounding, attractors the square; measured at
-    coordinates from 1e3 to 1e9, with ``ROUNDINGS`` of room.
+    Maps are weights of controls about the origin. Where coordinates are no larger than these
+    controls, rounding is that of the coordinates; where they are, products of the weights cancel:
+    attractors lose that ratio besides, pieces of a level its square; measured at coordinates from
+    1e3 to 1e12, with ``ROUNDINGS`` of room.
+
+    Parameters
+    ----------
+    domain, frame
+        What is sampled, and where.
+    size
+        How far from the origin the controls of the level-0 cell reach.
+    power
+        Of the ratio: 1 for attractors, 2 for pieces.
 
     Raises
     ------
     ModelError
         Names the coordinates.
     """
-    far = max(1.0, *map(abs, (*domain.lower, *domain.upper)))
-    h = min(frame.spacing)
-    if ROUNDINGS * np.finfo(float).eps * far**power > SHARE * h:
+    far, h = max(map(abs, (*domain.lower, *domain.upper))), min(frame.spacing)
+    if ROUNDINGS * np.finfo(float).eps * far * max(1.0, far / size) ** power > SHARE * h:
         raise ModelError(
             f"model: lies at coordinates up to {far:.3g} {frame.unit}, where voxels of {h:.3g} are "
             "lost in rounding; wanted translations that bring it nearer to the origin"
