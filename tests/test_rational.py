@@ -16,7 +16,7 @@ from porous.errors import ModelError, RecipeError
 from porous.formats import inp
 from porous.guests import ccx
 from porous.jobs import compression, material
-from porous.models.automaton import Automaton, State, Transition, cells
+from porous.models.automaton import Automaton, Cells, State, Transition, cells
 from porous.models.bcifs import bcifs
 from porous.models.builders import Options, Texture, build_cell
 from porous.models.builders._curves import bezier, rough, spline
@@ -30,6 +30,8 @@ from porous.models.complex import cell_complex
 from porous.models.control_box import control_box
 from porous.models.digits import named
 from porous.models.dimension import affinity_dimension
+from porous.models.drawing import cell, nothing
+from porous.models.mixtures import weights_of
 from porous.models.rational import columns, homogeneous, positions, scaled
 from porous.models.solve import solve
 from porous.models.swept_body import Sweep
@@ -286,6 +288,29 @@ def test_the_box_of_a_rough_ring_holds_it_tightly():
     assert (points.max(axis=0) <= box.upper).all()
 
 
+def test_the_box_of_several_cells_holds_each():
+    one, other = curve((0.3, -0.2, 0.3), (1, 0.5, 1)), curve((0.3, -0.2, 0.3), (1, 2, 1.5))
+    moved = scaled(other.states[0].controls, 1.3, np.array([[2.0], [0.5], [1]]))
+    first = one.states[0].controls
+    apart = [
+        control_box(Automaton((State("curve", P),), one.transitions), tolerance=1e-4)
+        for P in (first, moved)
+    ]
+    both = Cells(0, np.stack([first, moved]), np.arange(2))
+    system = Automaton(one.states, one.transitions, roots=(both,))
+    found = control_box(system, tolerance=1e-4)
+    lower, upper = np.array([(box.lower, box.upper) for box in apart]).transpose(1, 0, 2)
+    np.testing.assert_allclose(found.lower, lower.min(axis=0), rtol=0, atol=2e-4)
+    np.testing.assert_allclose(found.upper, upper.max(axis=0), rtol=0, atol=2e-4)
+    frame = Frame(found.lower, np.array(found.lengths) / (13, 9, 7) + 1e-3, (13, 9, 7))
+    marks = cover_cells(system, frame)[0]
+    each = [
+        cover_cells(Automaton((State("curve", P),), one.transitions), frame)[0]
+        for P in (first, moved)
+    ]
+    assert np.array_equal(marks, each[0] | each[1])
+
+
 # --- bodies ----------------------------------------------------------------------------------
 
 
@@ -314,6 +339,13 @@ def test_shells_and_beams_of_arcs_have_the_volume_of_straight_ones():
         assert found == pytest.approx(wanted, rel=2e-3)
         ends = np.hypot(*body.places[0][:, :2].T)
         np.testing.assert_allclose(ends, 1, rtol=0, atol=1e-12)
+
+
+def centres(frame):
+    """Middles of voxels, three arrays."""
+    steps = [np.arange(n) + 0.5 for n in frame.shape]
+    axes = [a + h * i for a, h, i in zip(frame.origin, frame.spacing, steps, strict=True)]
+    return np.meshgrid(*axes, indexing="ij")
 
 
 # --- limits ----------------------------------------------------------------------------------
@@ -364,6 +396,31 @@ def test_a_divisor_of_one_changes_no_cover():
     )
 
 
+def test_cells_that_end_belong_to_the_limit_in_perspective():
+    slope = np.array([0.3, 0.1, 0.2])
+    corner = np.hstack([np.zeros((3, 1)), np.eye(3)])
+    spots = np.array(list(product((0.0, 1.0), repeat=3)))
+    block, leaf = State("block", spots.T), State("leaf", corner)
+    places = [spots / 2, spots * [0.4, 0.5, 0.45] + [0.6, 0.5, 0.55]]
+    moves = [Transition(0, 0, weights_of(block, points)) for points in places]
+    moves.append(Transition(0, 1, weights_of(block, corner.T * 0.3 + [0.65, 0.05, 0.1])))
+    drawings = nothing(8), cell(4)
+    straight = Automaton((block, leaf), tuple(moves))
+    lifted = State("block", np.vstack([spots.T, 1 + spots @ slope]))
+    turned = Automaton((lifted, leaf), tuple(moves))
+    frame = Frame((-0.03, -0.02, -0.04), (0.047, 0.053, 0.051), (17, 18, 16))
+    marks, bound = cover_cells(turned, frame, drawings=drawings)
+    ends = next(group.points for group in cells(straight, 9) if group.state == 1)
+    shares = np.random.default_rng(3).dirichlet(np.ones(4), 30)
+    points = (ends @ shares.T).transpose(0, 2, 1).reshape(-1, 3)
+    points = points / (1 + points @ slope)[:, None]
+    index, inside = naive.voxels_of(points, frame)
+    assert inside.all()
+    assert marks[tuple(index.T)].all()
+    assert naive.furthest(marks, frame, points) <= bound + 0.1
+    assert marks.sum() < marks.size / 4
+
+
 def test_a_limit_of_rational_cells_is_covered_by_its_recipe():
     controls = ring(10, 20, 10).T.tolist()
     model = hexa(FULL, np.array(controls).T, level="limit", unit="mm")
@@ -374,6 +431,23 @@ def test_a_limit_of_rational_cells_is_covered_by_its_recipe():
     touched = (far >= 10) & (near <= 20)
     assert (marks.all(axis=2) == touched).all() or (marks.all(axis=2) >= touched).all()
     assert not marks[(radius < 10 - bound) | (radius > 20 + bound)].any()
+
+
+def test_a_grown_limit_of_rational_cells_keeps_its_radii():
+    wall = tensor([bezier(2), bezier(1)])
+    P = np.array([[x, y, z, w] for x, y, w in QUARTER for z in (0.0, 1.0)]).T
+    model = bcifs(wall, controls=P, level="limit", offset=0.2)
+    assert model.domain == Box((-0.2, -0.2, -0.2), (1.2, 1.2, 1.2))
+    grid = voxelize(model, voxels=28)
+    x, y, z = centres(grid.frame)
+    gap = np.abs(np.hypot(x, y) - 1)
+    inner = (x > 0) & (y > 0) & (z > 0) & (z < 1)
+    reach = grid.frame.diagonal / 2 + model.sampling_error(grid.frame)
+    assert (grid.fill[inner & (gap < 0.2 - reach)] == 255).all()
+    assert not grid.fill[inner & (gap > 0.2 + reach)].any()
+    shell = 0.4 * np.pi / 2 + np.pi / 2 * 0.04 * (np.pi + 2) + 4 / 3 * np.pi * 0.008
+    found = grid.fill.astype(float).sum() / 255 * grid.frame.voxel_volume
+    assert found == pytest.approx(shell, rel=0.02)
 
 
 # --- refusals --------------------------------------------------------------------------------
