@@ -49,6 +49,7 @@ NAMES = {
     "tetra-octa",
     "octa-porous",
     "support-tree",
+    "rough-block",
 }
 IN_PIECES = {"cantor-dust", "cantor-square", "sierpinski-lattice"}
 POINTED = {"sierpinski-joined"}  # nothing flat on top that could be pressed
