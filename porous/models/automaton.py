@@ -14,7 +14,7 @@ import numpy as np
 
 from porous.errors import ModelError
 from porous.memory import check_memory
-from porous.models.rational import ROWS, is_rational
+from porous.models.rational import ROWS, is_rational, scaled
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
@@ -197,8 +197,8 @@ class Automaton(Value):
 
     def scaled(self, factor: float) -> Automaton:
         """Return the same automaton with its controls ``factor`` times as far from the origin."""
-        states = tuple(State(state.name, state.controls * factor) for state in self.states)
-        roots = tuple(group._replace(points=group.points * factor) for group in self.roots)
+        states = tuple(State(state.name, scaled(state.controls, factor)) for state in self.states)
+        roots = tuple(group._replace(points=scaled(group.points, factor)) for group in self.roots)
         return Automaton(states, self.transitions, self.start, roots)
 
     def _content(self) -> tuple[object, ...]:
