@@ -69,7 +69,7 @@ def surfaces(draw):
 def volumes(draw):
     points = draw(hnp.arrays(np.float64, st.tuples(st.integers(1, 9), st.just(3)), elements=places))
     corners = st.integers(0, len(points) - 1)
-    sizes = {"tet4": 4, "hex8": 8, "tet10": 10}
+    sizes = {"tet4": 4, "hex8": 8, "tet10": 10, "wed6": 6}
     shapes = draw(st.lists(st.sampled_from(sorted(sizes)), max_size=4))
     blocks = [
         Block(s, draw(hnp.arrays(np.int64, (draw(st.integers(0, 4)), sizes[s]), elements=corners)))
@@ -806,10 +806,10 @@ def test_vtu_of_shapes_that_are_not_ours(folder):
 
     prism = np.concatenate([np.eye(3), np.eye(3) + 2.0])
     pyvista.UnstructuredGrid(np.array([3, 0, 1, 2]), [5], np.eye(3)).save(folder / "theirs.vtu")
-    with pytest.raises(FormatError, match=r"cell types: got '5'; wanted hexahedra \(12\) or tetra"):
+    with pytest.raises(FormatError, match=r"cell types: got '5'; wanted hexahedra \(12\), wed"):
         formats.read(folder / "theirs.vtu")
-    pyvista.UnstructuredGrid(np.array([6, *range(6)]), [13], prism).save(folder / "theirs.vtu")
-    with pytest.raises(FormatError, match=r"cell types: got '13 wedge'; wanted hexahedra"):
+    pyvista.UnstructuredGrid(np.array([5, *range(5)]), [14], prism).save(folder / "theirs.vtu")
+    with pytest.raises(FormatError, match=r"cell types: got '14 pyramid'; wanted hexahedra"):
         formats.read(folder / "theirs.vtu")
 
 

@@ -199,7 +199,7 @@ def test_curved_hexahedra_of_meshio(tmp_path, name, nodes):
 
 @pytest.mark.parametrize(
     ("name", "kind", "nodes"),
-    [(name, "wedge", 6) for name in WRITERS]
+    [(name, "wedge", 6) for name, (suffix, _) in WRITERS.items() if suffix != ".vtu"]
     + [(name, "pyramid", 5) for name in WRITERS if name != "abaqus"],
 )
 def test_other_volumes_of_meshio_are_refused(tmp_path, name, kind, nodes):

@@ -1,9 +1,12 @@
-"""Junctions of quadratic with cubic splines: matrices, eigenvalues, seams, what is refused."""
+"""Junctions of splines and of lattices: matrices, eigenvalues, seams, meshes, what is refused."""
 
+import meshio
 import numpy as np
 import pytest
 
+from porous import formats, voxelize
 from porous.errors import ModelError
+from porous.measures._mesh import smallest_dihedral_angle, smallest_scaled_jacobian
 from porous.models.bcifs import bcifs
 from porous.models.brep import selection
 from porous.models.builders import Options, build_cell
@@ -11,8 +14,12 @@ from porous.models.builders._curves import uniform
 from porous.models.cell_nodes import placed_corners
 from porous.models.closure import closure
 from porous.models.complex import cell_complex
+from porous.models.digits import named
 from porous.models.solve import solve
 from porous.models.swept_body import Sweep
+from porous.values import Block, Box, VolumeMesh
+from porous.values.surface_topology import check_closed
+from porous.values.volume_topology import bodies, boundary_faces, hung_by_faces
 
 CHAIKIN = np.array([0, 3, 1, 0, 0]) / 4
 FREE = np.array([0, 1, 1, 2, 0]) / 4
@@ -228,3 +235,200 @@ def test_junctions_contract_and_are_drawn(name):
 def test_what_is_no_junction_is_refused(options, message):
     with pytest.raises(ModelError, match=message):
         build_cell(Options(**options))
+
+
+# --- lattices --------------------------------------------------------------------------------
+
+
+def types(found, dimension):
+    """The state of each entity of a dimension that cells use, and how many of them use it."""
+    uses = {}
+    for group in found.cells:
+        state = found.brep.states[group.state]
+        for k in found.brep.of_dimension(group.state, dimension):
+            for entity in group.ids[:, k].tolist():
+                key = state.boundaries[k].state, entity
+                uses[key] = uses.get(key, 0) + 1
+    return uses
+
+
+@pytest.mark.parametrize(("level", "cells"), list(enumerate([1, 5, 23, 101, 431])))
+def test_the_triangle_counts_as_in_print(level, cells):
+    brep = build_cell(Options("junction-lattice"))
+    found = cell_complex(closure(solve(brep)), level)
+    assert found.count(2) == cells
+    assert found.euler_number == 1
+    assert found.components == 1
+    # Edges are of one type each, so that whoever shares one shares its type.
+    uses = types(found, 1)
+    names = {state: brep.states[state].name for state, _ in uses}
+    outer = [names[state] for (state, _), count in uses.items() if count == 1]
+    assert set(uses.values()) <= {1, 2}
+    assert (outer.count("edge 3"), outer.count("edge 2")) == (3**level, 2 * 2**level)
+
+
+def test_the_triangle_is_filled_and_inner_edges_are_reversed():
+    brep = build_cell(Options("junction-lattice"))
+    turned = [to for to in brep.states[brep.start].adjacencies if to.order]
+    assert [brep.text(brep.start, to) for to in turned] == ["mixed: 3.E01 = 1.E12 (1, 0)"]
+    P = np.array([[0, 3, 1], [0, 0.5, 4], [0, 0, 1.0]])
+    whole = np.linalg.norm(np.cross(P[:, 1] - P[:, 0], P[:, 2] - P[:, 0]))
+    model = bcifs(brep, level=4, controls=P, draw=Sweep(("faces",), 0.01))
+    areas = [
+        np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1).sum()
+        for _, c in model.corners()
+    ]
+    assert sum(areas) == pytest.approx(whole, rel=1e-13)
+
+
+@pytest.mark.parametrize("start", ["mixed-thirds", "mixed-halves"])
+def test_prisms_have_the_sides_of_both_lattices(start):
+    brep = build_cell(Options("junction-prism", start=start))
+    state = brep.states[brep.start]
+    names = [brep.states[b.state].name for b in state.boundaries if b.matrix.shape[1] >= 3]
+    expected = {
+        "mixed-thirds": ["face 33", *["face 23"] * 2, *["mixed"] * 2],
+        "mixed-halves": ["face 23", *["face 22"] * 2, *["mixed"] * 2],
+    }
+    assert sorted(names) == sorted(expected[start])
+    side = {"mixed-thirds": 3, "mixed-halves": 2}[start]
+    found = closure(solve(brep))
+    for level, cells in enumerate([1, 5, 23]):
+        counted = cell_complex(found, level)
+        assert counted.count(3) == cells * side**level
+        assert counted.euler_number == 1
+
+
+MENGER = tuple("".join(map(str, digit)) for digit in named("menger").keep)
+
+
+def junction(level, **options):
+    """A junction whose controls are off their grid at random, by less than it would fold."""
+    brep = build_cell(Options("junction", **options))
+    bend = np.random.default_rng(level).uniform(-0.1, 0.1, size=(3, 20))
+    controls = brep.states[brep.start].controls + bend
+    return bcifs(brep, level=level, controls=controls, domain=Box((-0.1,) * 3, (4.1, 1.1, 1.1)))
+
+
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_the_block_is_one_conforming_mesh(level):
+    model = junction(level)
+    mesh = model.cell_mesh()
+    assert {block.shape for block in mesh.blocks} == {"hex8", "wed6"}
+    assert mesh.volumes.min() > 0
+    assert bodies(mesh).max() == 0
+    assert (hung_by_faces(mesh).points.shape) == mesh.points.shape
+    assert len(np.unique(np.rint(mesh.points * 1e9), axis=0)) == len(mesh.points)
+    # Faces of one cell only are just the sides': as many as these are cut into.
+    sides = {
+        "XMIN": 9 ** (level - 1),
+        "XMAX": 4 ** (level - 1),
+    }
+    for name, count in sides.items():
+        assert len(mesh.parts[f"{name}_FACES"].members) == count
+    assert len(boundary_faces(mesh)) == len(mesh.parts["SKIN"].members)
+    assert "WALL" not in mesh.parts
+    surface = model.boundary()
+    check_closed(surface)
+    assert surface.volume == pytest.approx(mesh.volumes.sum(), rel=1e-13)
+    # Bilinear faces are divided exactly.
+    assert mesh.volumes.sum() == pytest.approx(model.bulk_volume, rel=1e-12)
+
+
+def test_the_block_s_cells_are_what_its_parts_become():
+    found = closure(solve(build_cell(Options("junction"))))
+    for level in (1, 2, 3):
+        n = level - 1
+        prisms = [1, 5, 23][n] * (3**n + 2**n) + 4**n * (3**n + 2**n)
+        counted = cell_complex(found, level)
+        assert counted.count(3) == 27**n + 8**n + prisms
+        assert counted.euler_number == 1
+
+
+def test_a_sponge_is_joined_to_a_lattice():
+    kept = {"thirds": MENGER, "halves": ("001", "010", "011", "100", "101", "110")}
+    model = junction(3, keep=kept)
+    mesh = model.cell_mesh()
+    assert bodies(mesh).max() == 0
+    sponge, lattice = 20**2, 6**2
+    assert mesh.cells == sponge + lattice + 23 * (9 + 4) + 16 * (9 + 4)
+    grid = voxelize(model, voxels=96)
+    filled = grid.fill.sum() / 255 * np.prod(grid.frame.spacing)
+    assert filled == pytest.approx(mesh.volumes.sum(), rel=5e-3)
+
+
+def test_a_full_prism_is_its_own_limit():
+    brep = build_cell(Options("junction-prism"))
+    limit, solid = (
+        voxelize(bcifs(brep, level=level), voxels=8, sampling="cover") for level in ("limit", 1)
+    )
+    assert np.array_equal(limit.fill, solid.fill)
+    assert 0.5 < limit.fill.mean() / 255 < 0.7
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cell": "junction-lattice", "start": "mixd"}, r"start: got 'mixd'.*'mixed'"),
+        ({"cell": "junction", "start": "thirds"}, r"start: a junction cell takes none"),
+        ({"cell": "junction", "controls": 8}, r"controls: got 8; wanted 20, those of cell"),
+        ({"cell": "junction-prism", "keep": ("7",)}, r"keep: got '7' for mixed-thirds"),
+    ],
+)
+def test_what_is_no_lattice_junction_is_refused(options, message):
+    with pytest.raises(ModelError, match=message):
+        build_cell(Options(**options))
+
+
+# --- wedges ----------------------------------------------------------------------------------
+
+WEDGE = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5], [2, 0, 5], [0, 3, 5]], np.float64)
+
+
+def wedge(points=WEDGE):
+    return VolumeMesh(points, (Block("wed6", np.arange(6)[None]),))
+
+
+def test_a_wedge_has_its_volume():
+    assert wedge().volumes == pytest.approx([15])
+
+
+def test_a_bent_wedge_has_the_volume_of_its_map():
+    # ∫ det J over the triangle times the line, by Gauss points that are exact for its degree.
+    bent = WEDGE + np.random.default_rng(2).uniform(-0.3, 0.3, size=(6, 3))
+    a = np.array([1 / 6, 1 / 6, 2 / 3])
+    total = 0.0
+    for r, s in zip(a, np.roll(a, 1), strict=True):
+        for t in (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)):
+            lower, upper = bent[:3], bent[3:]
+            along = (1 - t) * lower + t * upper
+            third = np.array([1 - r - s, r, s]) @ (upper - lower)
+            rows = along[1] - along[0], along[2] - along[0], third
+            total += np.linalg.det(np.array(rows)) / 12
+    assert wedge(bent).volumes == pytest.approx([total], rel=1e-13)
+
+
+def test_a_regular_wedge_is_the_best():
+    height = np.sqrt(3) / 2
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0.5, height, 0]])
+    regular = wedge(np.vstack([flat, flat + np.array([0, 0, 0.7])]))
+    assert smallest_scaled_jacobian(regular).value == pytest.approx(1)
+    assert smallest_dihedral_angle(regular).value == pytest.approx(60)
+    right = wedge(WEDGE * [3, 2, 1])
+    assert smallest_scaled_jacobian(right).value == pytest.approx(np.sqrt(2 / 3))
+
+
+def test_wedges_go_into_files_as_others_read_them(tmp_path):
+    mesh = junction(2).cell_mesh()
+    formats.write(mesh, tmp_path / "cells.vtu")
+    back = formats.read(tmp_path / "cells.vtu")
+    assert back == mesh
+    theirs = meshio.read(tmp_path / "cells.vtu")
+    blocks = {block.type: block.data for block in theirs.cells}
+    for shape, name in (("wed6", "wedge"), ("hex8", "hexahedron")):
+        ours = next(block.cells for block in mesh.blocks if block.shape == shape)
+        assert np.array_equal(blocks[name], ours)
+    formats.write(mesh, tmp_path / "cells.inp")
+    deck = meshio.read(tmp_path / "cells.inp")
+    assert {b.type: len(b.data) for b in deck.cells} == {"hexahedron": 35, "wedge": 45}
+    assert np.array_equal(next(b.data for b in deck.cells if b.type == "wedge"), blocks["wedge"])

@@ -396,6 +396,7 @@ UNIT_CUBE = np.array(
 @pytest.mark.parametrize("shape", SHAPES)
 def test_faces_look_outwards_and_close(shape):
     points = TETRAHEDRON if shape.startswith("tet") else UNIT_CUBE * [2, 3, 5]
+    points = points[[0, 1, 3, 4, 5, 7]] if shape == "wed6" else points
     edges = [
         (face[i], face[(i + 1) % len(face)])
         for face in SHAPES[shape].faces

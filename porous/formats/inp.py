@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from porous.formats.gate import Source
     from porous.values import Compression, Material, Part
 
-ELEMENTS = {"tet4": "C3D4", "hex8": "C3D8", "tet10": "C3D10"}
+ELEMENTS = {"tet4": "C3D4", "hex8": "C3D8", "wed6": "C3D6", "tet10": "C3D10"}
 """Element types; VTK's node order is CalculiX's for all of them."""
 
 READ = {

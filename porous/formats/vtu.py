@@ -34,13 +34,13 @@ KIND = "UnstructuredGrid"
 SHAPE_OF = {shape.vtk: name for name, shape in SHAPES.items()}
 VOXEL = 11
 VOXEL_CORNERS = np.array([0, 1, 3, 2, 4, 5, 7, 6])
+WEDGE_CORNERS = np.array([0, 2, 1, 3, 5, 4])
 HEXAHEDRA = {VOXEL: 8, 25: 20, 29: 27, 33: 24}
 """Hexahedra that are read by their corners: how many nodes each has, the corners first."""
 NODES = {kind: SHAPES[name].nodes for kind, name in SHAPE_OF.items()} | HEXAHEDRA
 FLAT = (*range(10), 21, 22, 23, 28, 30, 34, 35, 36, 68, 69, 70, 75, 76, 77)
 """Points, lines and faces, straight and curved."""
 OTHERS = {
-    13: "wedge",
     14: "pyramid",
     15: "pentagonal prism",
     16: "hexagonal prism",
@@ -86,7 +86,7 @@ def write(mesh: VolumeMesh) -> Iterator[bytes]:
     writer.array(SubElement(piece, "Points"), "Points", mesh.points)
     shapes = [SHAPES[block.shape] for block in mesh.blocks]
     lengths = [len(block.cells) for block in mesh.blocks]
-    nodes = [block.cells.reshape(-1) for block in mesh.blocks]
+    nodes = [_in_order(block.cells, block.shape).reshape(-1) for block in mesh.blocks]
     widths = np.repeat(np.array([s.nodes for s in shapes], dtype=np.int64), lengths)
     cells = SubElement(piece, "Cells")
     writer.array(cells, "connectivity", np.concatenate([np.zeros(0, np.int64), *nodes]))
@@ -138,7 +138,11 @@ def _check_types(types: NDArray[np.int64]) -> None:
         named_kinds = (
             f"{kind} {OTHERS.get(kind, '')}".rstrip() for kind in unknown or sorted(kinds)
         )
-        refuse("cell types", ", ".join(named_kinds), "hexahedra (12) or tetrahedra (10, 24)")
+        refuse(
+            "cell types",
+            ", ".join(named_kinds),
+            "hexahedra (12), wedges (13) or tetrahedra (10, 24)",
+        )
 
 
 def _runs(
@@ -167,7 +171,12 @@ def _block(
     cells = nodes[starts[:, None] + np.arange(SHAPES[shape].nodes)]
     if (voxels := types == VOXEL).any():
         cells[voxels] = cells[voxels][:, VOXEL_CORNERS]
-    return Block(shape, cells)
+    return Block(shape, _in_order(cells, shape))
+
+
+def _in_order(cells: NDArray[np.int64], shape: str) -> NDArray[np.int64]:
+    """Return nodes in VTK's order, or back: a wedge's triangles are the other way round."""
+    return cells[:, WEDGE_CORNERS] if shape == "wed6" else cells
 
 
 def _tags(

@@ -251,7 +251,7 @@ class VolumeCensus:
         return Counts(every.nodes - _nodes(ring), every.edges - _edges(ring), len(self.pairs[0]))
 
 
-_METHODS = {"tet4": "tetrahedra", "tet10": "tetrahedra", "hex8": "hexahedra"}
+_METHODS = {"tet4": "tetrahedra", "tet10": "tetrahedra", "hex8": "hexahedra", "wed6": "wedges"}
 
 
 def _mesh_volume(census: VolumeCensus) -> Measure:
@@ -354,11 +354,11 @@ def _scaled_jacobians(corners: Floats, local: tuple[tuple[int, ...], ...]) -> Fl
     """Return at each cell's corners the edges' determinant over their lengths (n, corners).
 
     1 at a right-angled corner, below zero where the cell is turned inside out. Knupp 2003; for
-    tetrahedra times √2, so that a regular one has 1.
+    tetrahedra times √2 and for wedges times 2/√3, so that regular ones have 1.
     """
     results = []
-    triangular = len(local[0]) == 3
-    for corner in range(4 if triangular else 8):
+    count = 1 + max(map(max, local))
+    for corner in range(count):
         # Neighbours in the order in which the faces about the corner turn.
         follows = {
             f[f.index(corner) - 1]: f[(f.index(corner) + 1) % len(f)] for f in local if corner in f
@@ -369,7 +369,8 @@ def _scaled_jacobians(corners: Floats, local: tuple[tuple[int, ...], ...]) -> Fl
         lengths = np.linalg.norm([u, v, w], axis=2).prod(axis=0)
         volume = np.einsum("ij,ij->i", np.cross(u, v), w)
         results.append(np.divide(volume, lengths, out=np.zeros_like(volume), where=lengths > 0))
-    return np.stack(results, axis=1) * (np.sqrt(2) if triangular else 1.0)
+    regular = {4: math.sqrt(2), 6: 2 / math.sqrt(3), 8: 1.0}[count]
+    return np.asarray(np.stack(results, axis=1) * regular)
 
 
 VOLUME: dict[str, Callable[[VolumeCensus], Measure]] = {

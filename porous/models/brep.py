@@ -35,11 +35,13 @@ SHAPES = {
     "tetra": 3,
     "pyramid": 3,
     "octa": 3,
+    "wedge": 3,
     "hexa": 3,
 }
 """Shapes of cells and their dimensions. Corners are the boundaries of dimension zero in their
 order: a quad's and a hexa's lexicographic in their digits (0 and 1 per axis), an octa's in opposite
-pairs, a pyramid's those of its quad and then its apex. Pyramids are neither drawn nor meshed."""
+pairs, a wedge's those of its triangle, each with the one across from it, a pyramid's those of its
+quad and then its apex. Pyramids are neither drawn nor meshed."""
 
 MATCHING = 1e-9
 """How far columns of weights that are the same may differ."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 from porous.errors import ModelError
 from porous.models.cell_cover import check_limit, cover_cells, sample_cells
 from porous.models.cell_folds import corner_weights
+from porous.models.cell_shapes import COLLAPSED
 from porous.models.drawing import Drawing, nothing
 from porous.models.net import net_error
 from porous.values.units import check_unit
@@ -34,6 +35,7 @@ SOLIDS: dict[str, tuple[int, ...]] = {
     "quad": (0, 1, 2, 3, 0, 1, 2, 3),
     "tetra": (0, 1, 2, 3),
     "octa": (0, 1, 2, 3, 4, 5),
+    "wedge": COLLAPSED,
     "hexa": (0, 1, 2, 3, 4, 5, 6, 7),
 }
 """Corners of the tetrahedra, octahedra and hexahedra, flat ones too, that shapes are."""

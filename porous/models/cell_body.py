@@ -13,6 +13,7 @@ import numpy as np
 from porous.errors import ModelError
 from porous.models.automaton import DEEPEST
 from porous.models.cell_mesh import cell_mesh
+from porous.models.cell_shapes import COLLAPSED
 from porous.models.cell_surface import cell_boundary
 from porous.models.cell_system import CellSystem
 from porous.models.simplices import Simplices, hexa_tets, octa_tets
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 SPLITS: dict[str, Callable[[Floats], Floats]] = {
     "tetra": np.asarray,
     "octa": octa_tets,
+    "wedge": lambda corners: hexa_tets(corners[:, COLLAPSED]),
     "hexa": hexa_tets,
 }
 """Tetrahedra (n, 4, 3) that fill cells of a shape, given their corners (k, c, 3)."""
@@ -38,6 +40,14 @@ HEIGHTS = {
     "tetra": [(*(j for j in range(4) if j != i), i) for i in range(4)],
     "octa": [
         (*face, opposite ^ 1) for face in product((0, 1), (2, 3), (4, 5)) for opposite in face
+    ],
+    "wedge": [
+        (*face, corner)
+        for corner in range(6)
+        for face in (
+            ((corner + 2) % 6, (corner + 4) % 6, (corner + 2) % 6 ^ 1),
+            (corner ^ 1, (corner + 2) % 6 ^ 1, (corner + 4) % 6 ^ 1),
+        )
     ],
     "hexa": [
         (i, i ^ a, i ^ b, i ^ 7 ^ a ^ b) for i in range(8) for a, b in ((1, 2), (2, 4), (4, 1))

@@ -1,6 +1,6 @@
 """How a cell is cut into volume elements: which corners, which way round, which face is whose.
 
-A hexa is one trilinear element, a tetra one tetrahedron, an octa four tetrahedra about one of its
+A hexa and a wedge are an element, a tetra a tetrahedron, an octa four tetrahedra about one of its
 diagonals. The corners of a cell are its boundaries of dimension zero in their order, its edges and
 faces those of dimension one and two; whatever is said of them here is said by these numbers.
 """
@@ -41,21 +41,30 @@ def _mirrored(elements: Elements) -> Elements:
 
 
 _HEXA = (((0, 4, 6, 2, 1, 5, 7, 3),), ((0, 2, 6, 4, 1, 3, 7, 5),))
+_WEDGE = (((0, 2, 4, 1, 3, 5),), ((0, 4, 2, 1, 5, 3),))
 _TETRA = (((0, 1, 2, 3),), ((0, 1, 3, 2),))
 _OCTA = tuple(cut for axis in range(3) for cut in (_about(axis), _mirrored(_about(axis))))
 
 CUTS: dict[str, tuple[str, tuple[Elements, ...]]] = {
     "hexa": ("hex8", _HEXA),
+    "wedge": ("wed6", _WEDGE),
     "tetra": ("tet4", _TETRA),
     "octa": ("tet4", _OCTA),
 }
 """The element and the variants of each shape: for each diagonal, then the same mirrored."""
 
-COUNTS = {"hexa": (8, 12, 6), "tetra": (4, 6, 4), "octa": (6, 12, 8)}
+COLLAPSED = (0, 1, 2, 3, 4, 5, 4, 5)
+"""Corners of a wedge as those of a hexa, two of whose edges are one: the same body."""
+
+COUNTS = {"hexa": (8, 12, 6), "tetra": (4, 6, 4), "octa": (6, 12, 8), "wedge": (6, 9, 5)}
 """Vertices, edges and faces of each shape."""
 
 FRAMES = {
     "tet4": ((0, 1, 2, 3),),
+    "wed6": (
+        *((0, 1, 2, 3), (1, 2, 0, 4), (2, 0, 1, 5)),
+        *((3, 5, 4, 0), (4, 3, 5, 1), (5, 4, 3, 2)),
+    ),
     "hex8": (
         *((0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7)),
         *((4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3)),
@@ -71,7 +80,7 @@ class Cut(Value):
     Parameters
     ----------
     kind
-        The element: ``"hex8"`` or ``"tet4"``.
+        The element: ``"hex8"``, ``"wed6"`` or ``"tet4"``.
     elements
         Corners of each element in VTK order, (variants, elements, nodes).
     frames

@@ -91,8 +91,8 @@ class StateSection(Section):
     """A state in full."""
 
     name: str = Field(description="a word")
-    shape: Literal["vertex", "edge", "triangle", "quad", "tetra", "octa", "hexa"] = Field(
-        description="one of vertex, edge, triangle, quad, tetra, octa, hexa"
+    shape: Literal["vertex", "edge", "triangle", "quad", "tetra", "octa", "wedge", "hexa"] = Field(
+        description="one of vertex, edge, triangle, quad, tetra, octa, wedge, hexa"
     )
     controls: Annotated[tuple[Triple, ...], Field(strict=False, min_length=1)] = Field(
         description="reference positions of the control points"

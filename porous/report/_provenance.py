@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 PACKAGES = ("porous", "numpy", "scipy", "numba", "scikit-image", "manifold3d", "pytetwild", "vtk")
 """Whose versions can change a number."""
 
-SHAPES = {"tet4": "tetrahedra", "tet10": "quadratic tetrahedra", "hex8": "hexahedra"}
+SHAPES = {
+    "tet4": "tetrahedra",
+    "tet10": "quadratic tetrahedra",
+    "hex8": "hexahedra",
+    "wed6": "wedges",
+}
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -14,9 +16,13 @@ from porous.values.units import check_unit
 from porous.values.value import Value, frozen, frozen_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
+
+
+WIDTH = 4
+"""Most nodes of a face; a triangle's fourth is −1."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +32,12 @@ class Shape:
     nodes: int
     vtk: int
     faces: tuple[tuple[int, ...], ...]
-    """Local nodes of each face, counter-clockwise seen from outside; VTK node order."""
+    """Local nodes of each face, counter-clockwise seen from outside."""
+
+    @property
+    def table(self) -> NDArray[np.int64]:
+        """The faces' nodes, (faces, ``WIDTH``), −1 where a face has fewer."""
+        return np.array([(*face, *[-1] * (WIDTH - len(face))) for face in self.faces])
 
 
 SHAPES: Mapping[str, Shape] = MappingProxyType(
@@ -45,9 +56,12 @@ SHAPES: Mapping[str, Shape] = MappingProxyType(
             ),
         ),
         "tet10": Shape(10, 24, ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))),
+        "wed6": Shape(6, 13, ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))),
     }
 )
-"""The elements there are. Faces are numbered as CalculiX and Abaqus number S1, S2, …"""
+"""The elements there are. Nodes are in VTK's order and Abaqus', which are the same but for wedges:
+there in Abaqus', the first triangle seen from inside. Faces are numbered as CalculiX and Abaqus
+number S1, S2, …"""
 
 ADDRESS = "address"
 """The tag that a model's own cells bear: the place of each among all cells of its level."""
@@ -96,7 +110,7 @@ class VolumeMesh(Value):
     points
         float64, shape (n, 3), in ``unit``.
     blocks
-        Cells by shape; every volume positive (VTK node order).
+        Cells by shape; every volume positive (``SHAPES``' node order).
     cell_tags
         Integer arrays, one number per cell: phase, body, …
     parts
@@ -179,16 +193,20 @@ def _tet_volumes(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6)
 
 
-def _hex_volumes(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Fans of triangles about each face's mean are volume-exact for the trilinear cell.
+def _fan_volumes(corners: NDArray[np.float64], shape: str) -> NDArray[np.float64]:
+    # Fans of triangles about each face's mean are volume-exact for bilinear faces.
     centre = corners.mean(axis=1)
     total = np.zeros(len(corners))
-    for face in SHAPES["hex8"].faces:
+    for face in SHAPES[shape].faces:
         mean = corners[:, face].mean(axis=1)
-        for i in range(4):
-            a, b = corners[:, face[i]], corners[:, face[(i + 1) % 4]]
+        for a, b in ((corners[:, i], corners[:, j]) for i, j in pairwise((*face, face[0]))):
             total += np.einsum("ij,ij->i", np.cross(a - centre, b - centre), mean - centre) / 6
     return total
 
 
-_VOLUMES = {"tet4": _tet_volumes, "tet10": _tet_volumes, "hex8": _hex_volumes}
+_VOLUMES: Mapping[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+    "tet4": _tet_volumes,
+    "tet10": _tet_volumes,
+    "hex8": partial(_fan_volumes, shape="hex8"),
+    "wed6": partial(_fan_volumes, shape="wed6"),
+}

@@ -12,15 +12,12 @@ import numpy as np
 
 from porous.errors import MeshError
 from porous.values.surface_topology import joined
-from porous.values.volume_mesh import SHAPES, Block, Part, VolumeMesh
+from porous.values.volume_mesh import SHAPES, WIDTH, Block, Part, VolumeMesh
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Indices = NDArray[np.int64]
-
-WIDTH = 4
-"""Most nodes of a face; a triangle's fourth is −1."""
 
 
 class Faces(NamedTuple):
@@ -36,11 +33,11 @@ def faces(mesh: VolumeMesh) -> Faces:
     """Return every face of every cell, cell by cell."""
     members, nodes, start = [], [], 0
     for block in mesh.blocks:
-        local = SHAPES[block.shape].faces
+        local = SHAPES[block.shape].table
         count = len(block.cells)
         cell = np.repeat(start + np.arange(count), len(local))
         members.append(np.stack([cell, np.tile(np.arange(len(local)), count)], axis=1))
-        nodes.append(_padded(block.cells[:, np.array(local)].reshape(-1, len(local[0]))))
+        nodes.append(np.where(local < 0, -1, block.cells[:, local]).reshape(-1, WIDTH))
         start += count
     empty = np.zeros((0, 2), np.int64), np.zeros((0, WIDTH), np.int64)
     return Faces(np.concatenate([empty[0], *members]), np.concatenate([empty[1], *nodes]))
@@ -53,8 +50,8 @@ def nodes_of(mesh: VolumeMesh, members: Indices) -> Indices:
     for block in mesh.blocks:
         own = np.flatnonzero((members[:, 0] >= start) & (members[:, 0] < start + len(block.cells)))
         cell, local = members[own].T
-        table = np.array(SHAPES[block.shape].faces)
-        result[own, : table.shape[1]] = block.cells[(cell - start)[:, None], table[local]]
+        table = SHAPES[block.shape].table[local]
+        result[own] = np.where(table < 0, -1, block.cells[(cell - start)[:, None], table])
         start += len(block.cells)
     return result
 
@@ -143,12 +140,6 @@ def extracted(mesh: VolumeMesh, chosen: NDArray[np.bool_]) -> VolumeMesh:
         {name: _cut(part, node, cell) for name, part in mesh.parts.items()},
         mesh.unit,
     )
-
-
-def _padded(nodes: Indices) -> Indices:
-    if nodes.shape[1] == WIDTH:
-        return nodes
-    return np.pad(nodes, ((0, 0), (0, WIDTH - nodes.shape[1])), constant_values=-1)
 
 
 def _numbered(mesh: VolumeMesh) -> VolumeMesh:
