@@ -8,6 +8,7 @@ it goes by finding the cell that holds a point, and where in it (Newton's method
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,8 +26,14 @@ MOST_DIGITS = 52
 MOST_STEPS = 40
 """Of Newton's method in one cell; four or five are usual."""
 
+REACH = 0.1
+"""How far beyond a cell's sides a step may lead: farther out its Jacobian need not be positive."""
+
 CLOSE = 1e-15
 """A step of Newton's method, in edges of a cell, after which there is no other."""
+
+STARTS = np.array([(0.5, 0.5, 0.5), *itertools.product((0.05, 0.95), repeat=3)])
+"""Where in a cell Newton's method begins; from the middle nearly always suffices."""
 
 INSIDE = 1e-12
 """A place this far beyond a cell's side is in the cell: rounding put it there."""
@@ -94,8 +101,7 @@ def _samples(out, first, last, shape, start, lower, step, rows, depths, cells, c
 
 @kernel
 def _newton(cell, image, place, m):
-    # Where in a trilinear cell a point lies, into place; the length of the last step.
-    place[:] = 0.5
+    # Where in a trilinear cell a point lies, from a first guess; the length of the last step.
     last = np.inf
     for _ in range(MOST_STEPS):
         x, y, z = place[0], place[1], place[2]
@@ -114,7 +120,7 @@ def _newton(cell, image, place, m):
         det = _det(m, 0, 1, 2)
         steps = _det(m, 3, 1, 2) / det, _det(m, 0, 3, 2) / det, _det(m, 0, 1, 3) / det
         for i in range(3):
-            place[i] = min(max(place[i] + steps[i], -1.0), 2.0)
+            place[i] = min(max(place[i] + steps[i], -REACH), 1.0 + REACH)
         last = max(abs(steps[0]), abs(steps[1]), abs(steps[2]))
         if not last > CLOSE:
             break
@@ -131,7 +137,9 @@ def _det(m, i, j, k):
 
 
 @kernel
-def _holds(cell, image, place, m):
+def _holds(cell, image, place, m, start):
+    for i in range(3):
+        place[i] = STARTS[start, i]
     if not _newton(cell, image, place, m) <= INSIDE:
         return False
     return min(place[0], place[1], place[2]) >= -INSIDE and (
@@ -146,9 +154,10 @@ def _located(cells, image, place, m):
     first = 0
     for i in range(3):
         first = 2 * first + (image[i] > middle[i])
-    for other in range(8):
-        if _holds(cells[first ^ other], image, place, m):
-            return first ^ other
+    for start in range(len(STARTS)):
+        for other in range(8):
+            if _holds(cells[first ^ other], image, place, m, start):
+                return first ^ other
     return -1
 
 

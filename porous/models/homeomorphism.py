@@ -116,8 +116,8 @@ class Homeomorphism(Value):
         """Return the places (n, 3) whose ``moved`` are given, each found by its address.
 
         Newton's method finds the cell of each digit, and where in it a point lies. What is found
-        has as many digits as a float has: ``moved`` leads back to within the size of the smallest
-        cells, which is below 1e-9 of the box where ``contraction`` is below 0.3.
+        has as many digits as a float has, so ``moved`` leads back to within the size of the
+        smallest cells: below 1e-9 of the box wherever ``contraction`` is below 0.5.
 
         Raises
         ------
