@@ -39,7 +39,7 @@ LAYERS = 64
 """Layers that are looked at before the next are read."""
 
 DEEPEST = 1 / 8
-"""A side that lies deeper than this part of a grid, somewhere, is not taken for a skin unasked."""
+"""Of a grid of any origin, sides are looked for in the outer part of it so deep."""
 
 PATCH = 1 << 26
 """Voxels that are read at once, about."""
@@ -341,11 +341,14 @@ def roughness_of_sides(grid: Tiled) -> Measures:
     """Return the roughness of the sides of a grid that look like skins, whatever it is of.
 
     That is of all that no column misses in the outer eighth of the grid, but for flat ones and
-    those of a grid that goes on in copies of itself. It is read anew for each of them.
+    those of a grid that goes on in copies of itself. Columns in the outer eighth of another side
+    are left out, for its own pits and bumps are there. The grid is read anew for each side.
     """
     if any(grid.frame.periodic):
         return Measures()
-    seen = {face: _seen(grid, face, None, DEEPEST) for face in SIDES}
+    box, margin = grid.frame.box, DEEPEST * np.array(grid.frame.box.lengths)
+    middle = Box(tuple(box.lower + margin), tuple(box.upper - margin))
+    seen = {face: _seen(grid, face, middle, DEEPEST) for face in SIDES}
     skins = {face: found for face, found in seen.items() if found and np.ptp(found.heights) > 0}
     rows = (roughness(found, face) for face, found in skins.items())
     return sum(rows, start=Measures())
