@@ -11,6 +11,7 @@ import pytest
 
 import porous as po
 from porous.errors import ModelError, RecipeError
+from porous.formats import inp
 from porous.guests import ccx
 from porous.jobs import compression, material
 from porous.models.automaton import cells as expanded
@@ -272,8 +273,8 @@ def test_the_limit_of_many_cells_is_that_of_each():
 @pytest.mark.slow
 def test_the_deck_of_a_part_of_sixty_four_cells_runs_as_written(judge):
     model = body(*sixty_four(np.random.default_rng(14)), cell="hex-8", level=1)
-    job = compression(model.cell_mesh(), material("steel"), pressure=1.0)
-    solved = ccx.solve(job, program=judge("ccx"))
+    job = compression(model.cell_mesh(), material=material("steel"), pressure=1.0)
+    solved = ccx.solve(inp.write(job), program=judge("ccx"))
     energy, load = naive_elasticity.energy(job)
     assert solved.reaction == pytest.approx(load, abs=1e-5 * np.linalg.norm(load))
     assert solved.energy == pytest.approx(energy, rel=1e-5)
@@ -467,8 +468,8 @@ HEXAHEDRON = [0, 4, 6, 2, 1, 5, 7, 3]
 
 
 def part(tmp_path, name="part.vtu", corners=HEXAHEDRON):
-    """Write the part of sixty-four cells as others do."""
-    controls, cells = meshes.grid((4, 4, 4), 2, wave)
+    """Write the part of sixty-four cells, each in a frame of its own, as others do."""
+    controls, cells = sixty_four(np.random.default_rng(16))
     block = Block("hex8", np.array(cells)[:, corners])
     po.write(VolumeMesh(controls.T, (block,)), tmp_path / name)
     return controls, cells
