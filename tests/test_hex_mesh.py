@@ -137,9 +137,12 @@ def test_curved_tetrahedra_of_gmsh_have_their_midpoints_in_our_order():
 
 
 @pytest.mark.parametrize("name", ["prisms.msh", "prisms-2.msh"])
-def test_prisms_of_gmsh_are_refused_by_name(name):
-    with pytest.raises(FormatError, match="element type: got '6 prism'; wanted hexahedra or tetr"):
-        formats.read(GMSH / name)
+def test_prisms_of_gmsh_are_wedges_and_no_hexahedra(name):
+    mesh = formats.read(GMSH / name)
+    assert [(block.shape, len(block.cells)) for block in mesh.blocks] == [("wed6", 24)]
+    assert np.sort(mesh.volumes) == pytest.approx(np.repeat([0.25, 0.5], 12))
+    with pytest.raises(MeshError, match="got 24 wed6; wanted hexahedra"):
+        HexMesh.of_volume(mesh)
 
 
 # --- files that meshio makes -------------------------------------------------------------------
@@ -197,17 +200,23 @@ def test_curved_hexahedra_of_meshio(tmp_path, name, nodes):
     assert ours == HexMesh(points[:8], np.arange(8)[None])
 
 
-@pytest.mark.parametrize(
-    ("name", "kind", "nodes"),
-    [(name, "wedge", 6) for name, (suffix, _) in WRITERS.items() if suffix != ".vtu"]
-    + [(name, "pyramid", 5) for name in WRITERS if name != "abaqus"],
-)
-def test_other_volumes_of_meshio_are_refused(tmp_path, name, kind, nodes):
+@pytest.mark.parametrize("name", [name for name in WRITERS if not name.startswith("vtu")])
+def test_wedges_of_meshio(tmp_path, name):
+    """meshio leaves the order of nodes as it is, and only VTK's is another one."""
+    suffix, options = WRITERS[name]
+    wedge = np.array([[0, 1, 3, 4, 5, 7]])
+    meshio.Mesh(CORNERS * [1.0, 2, 3], [("wedge", wedge)]).write(tmp_path / f"a{suffix}", **options)
+    mesh = formats.read(tmp_path / f"a{suffix}")
+    assert mesh.blocks == (Block("wed6", np.arange(6)[None]),)
+    assert mesh.volumes == pytest.approx([3.0])
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "abaqus"])
+def test_pyramids_of_meshio_are_refused(tmp_path, name):
     suffix, options = WRITERS[name]
     path = tmp_path / f"theirs{suffix}"
-    cells = [(kind, np.arange(nodes)[None])]
-    meshio.Mesh(CORNERS.astype(float), cells).write(path, **options)
-    with pytest.raises(FormatError, match=r"(prism|wedge|pyramid|C3D6)'; wanted (hexa|C3D8)"):
+    meshio.Mesh(CORNERS[:5] * 2.0, [("pyramid", np.arange(5)[None])]).write(path, **options)
+    with pytest.raises(FormatError, match=r"pyramid'; wanted hexahedra"):
         formats.read(path)
 
 
@@ -224,9 +233,11 @@ def test_a_coarse_mesh_is_converted_and_measured(tmp_path, capsys):
     assert found_bricks(mesh) == expected_bricks()
 
 
-def test_a_mesh_of_prisms_ends_in_one_line(tmp_path, capsys):
-    assert main(["convert", str(GMSH / "prisms.msh"), str(tmp_path / "prisms.vtu")]) != 0
+def test_a_mesh_of_pyramids_ends_in_one_line(tmp_path, capsys):
+    pyramid = meshio.Mesh(CORNERS[:5].astype(float), [("pyramid", np.arange(5)[None])])
+    pyramid.write(tmp_path / "pyramid.msh", file_format="gmsh")
+    assert main(["convert", str(tmp_path / "pyramid.msh"), str(tmp_path / "pyramid.vtu")]) != 0
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "element type: got '6 prism'; wanted hexahedra or tetrahedra" in said
-    assert list(tmp_path.iterdir()) == []
+    assert "element type: got '7 pyramid'; wanted hexahedra or tetrahedra" in said
+    assert not (tmp_path / "pyramid.vtu").exists()

@@ -53,7 +53,7 @@ class Draft:
     def mesh(self) -> VolumeMesh:
         """Return the mesh: nodes that cells use by their numbers, cells by shape as they came."""
         if not self.cells:
-            raise FormatError("no volume elements; wanted hexahedra or tetrahedra")
+            raise FormatError("no volume elements; wanted hexahedra, wedges or tetrahedra")
         blocks = {shape: np.concatenate(rows) for shape, rows in self.cells.items()}
         used, places = np.unique(
             np.concatenate([rows.reshape(-1) for rows in blocks.values()]), return_inverse=True

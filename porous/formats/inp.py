@@ -3,9 +3,9 @@
 CalculiX refuses fields longer than 20 characters; sets have at most 16 numbers in a line. Element
 faces are S1, S2, … as ``SHAPES`` lists them. Nodes and elements are numbered from 1.
 
-Read are the nodes and the hexahedra and tetrahedra of decks that stand in one file, without
-instances; hexahedra of 20 and 27 nodes by their corners. Lengths are taken as millimetres. Sets,
-materials and steps are passed over, and so are elements without a volume.
+Read are the nodes and the hexahedra, wedges and tetrahedra of decks that stand in one file,
+without instances; hexahedra of 20 and 27 nodes by their corners. Lengths are taken as millimetres.
+Sets, materials and steps are passed over, and so are elements without a volume.
 https://www.dhondt.de/ccx_2.20.pdf
 """
 
@@ -40,6 +40,7 @@ READ = {
     "8": ("hex8", 8),
     "20": ("hex8", 20),
     "27": ("hex8", 27),
+    "6": ("wed6", 6),
     "4": ("tet4", 4),
     "10": ("tet10", 10),
 }
@@ -142,7 +143,7 @@ def _kind(options: dict[str, str]) -> str:
         return ""
     volume = VOLUME.fullmatch(name)
     if volume is None or volume[1] not in READ:
-        refuse("*ELEMENT TYPE", name, "C3D8, C3D20, C3D4, C3D10 and their kin")
+        refuse("*ELEMENT TYPE", name, "C3D8, C3D20, C3D6, C3D4, C3D10 and their kin")
     return volume[1]
 
 

@@ -1,8 +1,8 @@
 """MSH: meshes of Gmsh, versions 2.2 and 4.1, in text or binary of either byte order.
 
-Read are the nodes and the hexahedra and tetrahedra; hexahedra of 20 and 27 nodes by their corners.
-Points, lines and faces are passed over, and so are physical groups: an element that version 2.2
-lists once for each of its groups is one cell.
+Read are the nodes and the hexahedra, prisms and tetrahedra; hexahedra of 20 and 27 nodes by their
+corners. Points, lines and faces are passed over, and so are physical groups: an element that
+version 2.2 lists once for each of its groups is one cell.
 https://gmsh.info/doc/texinfo/gmsh.html#Gmsh-file-formats
 """
 
@@ -27,13 +27,19 @@ if TYPE_CHECKING:
 
     from porous.formats.gate import Source
 
-VOLUMES = {4: ("tet4", 4), 5: ("hex8", 8), 11: ("tet10", 10), 12: ("hex8", 27), 17: ("hex8", 20)}
+VOLUMES = {
+    4: ("tet4", 4),
+    5: ("hex8", 8),
+    6: ("wed6", 6),
+    11: ("tet10", 10),
+    12: ("hex8", 27),
+    17: ("hex8", 20),
+}
 """What element types are read as, and their nodes."""
 FLAT = {1: 2, 2: 3, 3: 4, 8: 3, 9: 6, 10: 9, 15: 1, 16: 8}
 """Nodes of points, lines and faces up to the second order."""
 NODES = FLAT | {kind: nodes for kind, (_, nodes) in VOLUMES.items()}
 OTHERS = {
-    6: "prism",
     7: "pyramid",
     13: "prism of 18 nodes",
     14: "pyramid of 14 nodes",
@@ -275,7 +281,11 @@ def _add(draft: Draft, kind: int, nodes: NDArray[np.int64]) -> None:
 def _nodes_of(kind: int) -> int:
     if kind not in NODES:
         got = f"{kind} {OTHERS.get(kind, '')}".rstrip()
-        refuse("element type", got, "hexahedra or tetrahedra of first or second order")
+        refuse(
+            "element type",
+            got,
+            "hexahedra or tetrahedra of first or second order, or prisms of six nodes",
+        )
     return NODES[kind]
 
 
