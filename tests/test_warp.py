@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from naive_elasticity import loaded
 
 import porous as po
 from porous.errors import GridError, MeshError, ModelError, RecipeError
+from porous.formats import inp
+from porous.guests import ccx
+from porous.jobs import compression, material
 from porous.models.digits import named
 from porous.models.hexa_volume import jacobian
 from porous.models.homeomorphism import Homeomorphism
@@ -635,6 +639,17 @@ def test_cells_of_a_sponge_keep_what_joins_them(level):
     assert (bent.volumes > 0).all()
     assert mesh.is_of_cells
     assert not bent.is_of_cells
+
+
+@pytest.mark.judge
+def test_a_warped_sponge_is_pressed_by_the_solver(judge):
+    mesh = po.warp_mesh(po.mesh_cells(block(level=1)), random_offsets(0.08, 47))
+    job = compression(mesh, material=material("steel"), pressure=2.0)
+    found = ccx.solve(inp.write(job), program=judge("ccx"))
+    area = sum(areas[:, 2].sum() for _, areas in loaded(job))
+    assert abs(area - 8 / 9 * 4 * 3) > 0.01
+    assert found.reaction[2] == pytest.approx(2.0 * area, rel=1e-5)
+    assert found.volume == pytest.approx(mesh.volumes.sum(), rel=1e-5)
 
 
 def grid_mesh(shape):
