@@ -3,6 +3,7 @@
 Gmsh's wheel needs libraries of the desktop, so what it writes is kept here. Volume 9 in all.
 """
 
+import os
 from pathlib import Path
 
 import gmsh
@@ -43,9 +44,10 @@ def save(name, version=4.1, *, binary=False, parametric=False):
     gmsh.option.setNumber("Mesh.MshFileVersion", version)
     gmsh.option.setNumber("Mesh.Binary", int(binary))
     gmsh.option.setNumber("Mesh.SaveParametric", int(parametric))
-    gmsh.write(str(Path(__file__).with_name(name)))
+    gmsh.write(name)
 
 
+os.chdir(Path(__file__).parent)  # decks hold the path that they are written to
 gmsh.initialize()
 gmsh.option.setNumber("General.Terminal", 0)
 bricks()
