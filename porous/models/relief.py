@@ -128,19 +128,24 @@ class Relief(Value):
         return self.scale * self._sum(places, levels)
 
     def left(self, levels: int) -> float:
-        """Return a bound on what all but so many levels add to a height or take from it.
+        """Return a bound on what all but so many levels add to a height or take from it."""
+        return self.scale * self.ratio**levels * self._peak
 
-        No choice of signs reaches higher than bumps that all point upwards, and by Cauchy and
-        Schwarz those are highest on the diagonal, at the maximum M of Σ r^k ψ(2^k t)². A sum of n
-        levels of it is convex between multiples of 2^−n, so M ≤ (its largest value there) + r^n M.
+    @cached_property
+    def _peak(self) -> float:
+        """A bound on the heights of any signs, unscaled.
+
+        None reach higher than bumps that all point upwards, and by Cauchy and Schwarz those are
+        highest on the diagonal, at the maximum M of Σ r^k ψ(2^k t)². A sum of n levels of it is
+        convex between multiples of 2^−n, so M ≤ (its largest value there) + r^n M.
         """
-        fine, size = np.arange(2**FINE + 1) / 2**FINE, 1.0
-        total = np.zeros_like(fine)
+        tent, size = np.arange(2**FINE + 1) / 2**FINE, 1.0
+        total = np.zeros_like(tent)
         for _ in range(FINE):
-            fine = 1 - np.abs(2 * fine - 1)
-            total += size * fine**2
+            tent = 1 - np.abs(2 * tent - 1)
+            total += size * tent**2
             size *= self.ratio
-        return float(self.scale * self.ratio**levels * total.max() / (1 - size))
+        return float(total.max()) / (1 - size)
 
     def levels(self, tolerance: float) -> int:
         """Return how many levels leave less than ``tolerance``, up to ``DEEPEST``."""
