@@ -7,21 +7,26 @@ import skfem
 from skfem.helpers import ddot, div, sym_grad
 
 
+KINDS = {
+    "tet4": (skfem.MeshTet, skfem.ElementTetP1(), [0, 1, 2, 3]),
+    "hex8": (skfem.MeshHex, skfem.ElementHex1(), [0, 1, 3, 4, 2, 5, 7, 6]),
+    "wed6": (skfem.MeshWedge1, skfem.ElementWedge1(), [0, 1, 2, 3, 4, 5]),
+}
+"""scikit-fem's mesh and element, and its corners in our numbers."""
+
+
+WEDGE = np.array([[1 / 3, 1 / 3, 0.5 - s * 12**-0.5] for s in (1, -1)]).T, np.array([0.25, 0.25])
+"""Points and weights in a wedge."""
+
+
 def energy(job):
     """Return the strain energy of a job's step, in the mesh's own unit, and the reaction (3,).
 
     Tetrahedra are linear. Hexahedra are trilinear, of any shape, and integrated in 2 × 2 × 2
-    points, as CalculiX has them.
+    points, wedges linear times linear and in 1 × 2, as CalculiX has them.
     """
-    mesh, block = job.mesh, job.mesh.blocks[0]
+    mesh = job.mesh
     points = np.ascontiguousarray(mesh.points.T)
-    if block.shape == "tet4":
-        cells = np.ascontiguousarray(block.cells.T)
-        m, element = skfem.MeshTet(points, cells), skfem.ElementTetP1()
-    else:
-        order = [0, 1, 3, 4, 2, 5, 7, 6]  # scikit-fem's corners in VTK's numbers
-        cells = np.ascontiguousarray(block.cells[:, order].T)
-        m, element = skfem.MeshHex(points, cells), skfem.ElementHex1()
     E, nu = job.material.youngs_modulus, job.material.poissons_ratio
     shear, bulk = E / (2 * (1 + nu)), E / (3 * (1 - 2 * nu))
 
@@ -30,7 +35,14 @@ def energy(job):
         a, b = sym_grad(u), sym_grad(v)
         return 2 * shear * ddot(a, b) + (bulk - 2 * shear / 3) * div(u) * div(v)
 
-    K = stiffness.assemble(skfem.Basis(m, skfem.ElementVector(element), intorder=3))
+    K = 0
+    for block in mesh.blocks:
+        kind, element, order = KINDS[block.shape]
+        m = kind(points, np.ascontiguousarray(block.cells[:, order].T))
+        points_of = {"quadrature": WEDGE} if block.shape == "wed6" else {"intorder": 3}
+        part = stiffness.assemble(skfem.Basis(m, skfem.ElementVector(element), **points_of))
+        part.resize((mesh.points.size,) * 2)  # the last points may be of other blocks
+        K = K + part
     f = np.zeros(K.shape[0])
     for nodes, areas in loaded(job):
         f[3 * nodes[:, None] + np.arange(3)] -= job.step.pressure * areas
@@ -43,9 +55,10 @@ def loaded(job):
     """Yield the nodes of each loaded face and the part of its outward area that each bears."""
     from porous.values import SHAPES
 
-    block = job.mesh.blocks[0]
-    for cell, local in job.mesh.parts[job.step.loaded].members:
-        nodes = block.cells[cell][list(SHAPES[block.shape].faces[local])]
+    cells = [(block.shape, cell) for block in job.mesh.blocks for cell in block.cells]
+    for number, local in job.mesh.parts[job.step.loaded].members:
+        shape, cell = cells[number]
+        nodes = cell[list(SHAPES[shape].faces[local])]
         p = job.mesh.points[nodes]
         if len(nodes) == 3:
             yield nodes, np.tile(np.cross(p[1] - p[0], p[2] - p[0]) / 6, (3, 1))

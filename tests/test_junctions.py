@@ -1,11 +1,15 @@
 """Junctions of splines and of lattices: matrices, eigenvalues, seams, meshes, what is refused."""
 
 import meshio
+import naive_elasticity
 import numpy as np
 import pytest
 
 from porous import formats, voxelize
 from porous.errors import ModelError
+from porous.formats import inp
+from porous.guests import ccx
+from porous.jobs import compression, material
 from porous.measures._mesh import smallest_dihedral_angle, smallest_scaled_jacobian
 from porous.models.bcifs import bcifs
 from porous.models.brep import selection
@@ -307,7 +311,7 @@ def junction(level, **options):
     brep = build_cell(Options("junction", **options))
     bend = np.random.default_rng(level).uniform(-0.1, 0.1, size=(3, 20))
     controls = brep.states[brep.start].controls + bend
-    return bcifs(brep, level=level, controls=controls, domain=Box((-0.1,) * 3, (4.1, 1.1, 1.1)))
+    return bcifs(brep, level=level, controls=controls, domain=Box((-0.1,) * 3, (1.1, 1.1, 4.1)))
 
 
 @pytest.mark.parametrize("level", [1, 2, 3])
@@ -321,8 +325,8 @@ def test_the_block_is_one_conforming_mesh(level):
     assert len(np.unique(np.rint(mesh.points * 1e9), axis=0)) == len(mesh.points)
     # Faces of one cell only are just the sides': as many as these are cut into.
     sides = {
-        "XMIN": 9 ** (level - 1),
-        "XMAX": 4 ** (level - 1),
+        "ZMIN": 9 ** (level - 1),
+        "ZMAX": 4 ** (level - 1),
     }
     for name, count in sides.items():
         assert len(mesh.parts[f"{name}_FACES"].members) == count
@@ -432,3 +436,14 @@ def test_wedges_go_into_files_as_others_read_them(tmp_path):
     deck = meshio.read(tmp_path / "cells.inp")
     assert {b.type: len(b.data) for b in deck.cells} == {"hexahedron": 35, "wedge": 45}
     assert np.array_equal(next(b.data for b in deck.cells if b.type == "wedge"), blocks["wedge"])
+
+
+@pytest.mark.judge
+@pytest.mark.slow
+def test_the_deck_of_wedges_and_hexahedra_runs_as_written(judge):
+    job = compression(junction(2).cell_mesh(), material=material("steel"), pressure=1.0)
+    solved = ccx.solve(inp.write(job), program=judge("ccx"))
+    energy, load = naive_elasticity.energy(job)
+    assert solved.reaction == pytest.approx(load, abs=1e-5 * np.linalg.norm(load))
+    assert solved.energy == pytest.approx(energy, rel=1e-5)
+    assert solved.volume == pytest.approx(job.mesh.volumes.sum(), rel=1e-5)

@@ -165,16 +165,16 @@ def _side(state: int, corners: Indices, line: int) -> tuple[int, Indices]:
 # --- the block -------------------------------------------------------------------------------
 
 
-GRID = tuple(product(range(5), range(2), range(2)))
-"""Controls of the block: the corners of four unit cubes along x."""
+GRID = tuple(product(range(2), range(2), range(5)))
+"""Controls of the block: the corners of four unit cubes along z."""
 
-LENGTHS = (4, 1, 1)
+LENGTHS = (1, 1, 4)
 
 CUBE = tuple(product((0, 1), (0, 1), (0, 1)))
 
-LAYER = (((1, 0), (1, 1), (2, 0)), ((1, 1), (2, 1), (2, 0)))
-"""Corners (x, y) of the mixed and the halved triangle of the first layer, whose lines run along z;
-and (x, z) of the second's, one further, whose lines run along y. They look the way the block's
+LAYER = (((1, 1), (0, 1), (0, 2)), ((0, 2), (1, 2), (1, 1)))
+"""Corners (x, z) of the mixed and the halved triangle of the first layer, whose lines run along y;
+and (y, z) of the second's, one higher, whose lines run along x. They look the way the block's
 sides do, for mixed ones are no mirror images of themselves."""
 
 
@@ -188,8 +188,8 @@ class _Part(NamedTuple):
 def _block(known: Sequence[CellState]) -> list[CellState]:
     """Return the states of a block that is cut as its parts are, once, on all its sides.
 
-    From x = 0 to 4: a cube in thirds; prisms upright in thirds; prisms lying in halves; a cube in
-    halves.
+    From z = 0 up to 4: a cube in thirds; prisms in thirds along y; prisms in halves along x; a cube
+    in halves.
     """
     parts = [_Part(STATES.index(name), tuple(map(GRID.index, at))) for name, at in _cells()]
     for cell in list(parts):
@@ -208,10 +208,10 @@ def _cells() -> Iterator[tuple[str, list[tuple[int, int, int]]]]:
     """Yield the cells of the block: their states and where their corners are."""
     yield "thirds", list(CUBE)
     for name, triangle in zip(("mixed", "halved"), LAYER, strict=True):
-        yield f"{name}-thirds", [(x, y, z) for x, y in triangle for z in (0, 1)]
+        yield f"{name}-thirds", [(x, y, z) for x, z in triangle for y in (0, 1)]
     for name, triangle in zip(("mixed", "halved"), LAYER, strict=True):
-        yield f"{name}-halves", [(x + 1, y, z) for x, z in triangle for y in (0, 1)]
-    yield "halves", [(x + 3, y, z) for x, y, z in CUBE]
+        yield f"{name}-halves", [(x, y, z + 1) for y, z in triangle for x in (0, 1)]
+    yield "halves", [(x, y, z + 3) for x, y, z in CUBE]
 
 
 def _on(pattern: Pattern) -> Indices:
