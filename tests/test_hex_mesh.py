@@ -220,6 +220,38 @@ def test_pyramids_of_meshio_are_refused(tmp_path, name):
         formats.read(path)
 
 
+# --- the names of elements ---------------------------------------------------------------------
+
+DECK = "*NODE\n" + "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in enumerate(CORNERS, 1))
+DECK += "*ELEMENT, TYPE=C3D8\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
+
+
+@pytest.mark.parametrize("kind", ["C3D8R", "c3d8i", "C3D8H", "C3D8RH", "C3D8T", "DC3D8", "C3D8P"])
+def test_the_kin_of_a_hexahedron(tmp_path, kind):
+    (tmp_path / "deck.inp").write_text(DECK.replace("C3D8", kind))
+    assert formats.read(tmp_path / "deck.inp").volumes == pytest.approx([1.0])
+
+
+FLAT = "S3 S4R S8R5 STRI65 DS4 M3D4R CPS4 CPE8R CPEG4 CAX4 CGAX4 SAX1 DC2D4 DCAX4 T3D2 T2D2 B31 B23"
+FLAT += " PIPE31 R3D4 RAX2 SFM3D4 CONN3D2 SPRINGA DASHPOT1 MASS ROTARYI GAPUNI ELBOW31 FRAME3D"
+
+
+@pytest.mark.parametrize("kind", FLAT.split())
+def test_what_has_no_volume_is_passed_over(tmp_path, kind):
+    more = f"*ELEMENT, TYPE={kind}, ELSET=More\n2, whatever, it says\n"
+    (tmp_path / "deck.inp").write_text(DECK + more)
+    assert formats.read(tmp_path / "deck.inp").volumes == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize(
+    "kind", ["C3D5", "C3D15", "C3D13", "SC8R", "CSS8", "COH3D8", "AC3D8", "U1"]
+)
+def test_what_has_a_volume_of_another_kind_is_refused(tmp_path, kind):
+    (tmp_path / "deck.inp").write_text(DECK + f"*ELEMENT, TYPE={kind}\n2, 1, 2\n")
+    with pytest.raises(FormatError, match=rf"ELEMENT TYPE: got '{kind}'; wanted C3D8, C3D20"):
+        formats.read(tmp_path / "deck.inp")
+
+
 # --- from the command line ---------------------------------------------------------------------
 
 
