@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 import porous as po
 from porous.kernels import clouds as kernel
@@ -163,6 +164,39 @@ def test_how_dense_a_cloud_is():
     (single,) = clouds.clouds(system_of(SYSTEMS["one point"])[2], FINE)
     assert single.points.shape == (3, 1)
     assert single.dimension == 0
+
+
+@each_system
+def test_clouds_are_as_fine_as_voxels_ask(name):
+    system = system_of(SYSTEMS[name])[2]
+    whole = np.sqrt(3) * system.balls[0, 3]
+    counts = []
+    for part in (2.0, 0.1, 0.01):
+        (cloud,) = clouds.clouds(system, part * whole)
+        counts.append(cloud.points.shape[1])
+        assert cloud.fineness <= min(1, part) ** clouds.FINE or counts[-1] > clouds.POINTS / 8
+    assert counts[0] == 1
+    assert counts == sorted(counts)
+    # Of each part there is a point.
+    (finer,) = clouds.clouds(system, 0.001 * whole)
+    gaps = cKDTree(cloud.points.T).query(finer.points.T)[0]
+    assert gaps.max() <= 2 * cloud.fineness * whole + 1e-12
+    some = cloud.thinned(0.25)
+    assert some.shape == (3, int(np.ceil(0.25 * counts[-1])))
+    assert {tuple(p) for p in some.T} <= {tuple(p) for p in cloud.points.T}
+    assert np.array_equal(cloud.thinned(1.0), cloud.points)
+
+
+def test_longer_words_are_all_there_are():
+    first, targets = np.array([0, 2, 3]), np.array([0, 1, 0])
+    maps = np.random.default_rng(4).normal(size=(3, 3, 4))
+    words = np.array([1, 0]), np.random.default_rng(5).normal(size=(2, 3, 4))
+    ends, found = kernel.longer(first, targets, maps, words)
+    assert ends.tolist() == [0, 0, 1]
+    bottom = np.array([[0.0, 0, 0, 1]])
+    for row, (word, letter) in enumerate([(0, 2), (1, 0), (1, 1)]):
+        expected = words[1][word] @ np.vstack([maps[letter], bottom])
+        assert found[row] == pytest.approx(expected)
 
 
 def test_marks_do_not_reach_beyond_a_tile():

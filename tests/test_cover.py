@@ -167,6 +167,24 @@ def test_a_cover_does_not_depend_on_order_repetition_or_tiles(name):
         assert np.array_equal(covered(maps, frame.tile(start, stop))[0], marks[part])
 
 
+@pytest.mark.parametrize("name", ["fern", "turned", "overlapping"])
+def test_a_cover_does_not_depend_on_slabs_or_threads(name, monkeypatch):
+    frame = framed(SYSTEMS[name], (26, 19, 23))
+    marks, _ = covered(SYSTEMS[name], frame)
+    monkeypatch.setattr(covers, "SLAB", 1)
+    monkeypatch.setattr(covers, "WORTH", 1)
+    window = covers._Window.of(frame)
+    thick = []
+    for threads in ("1", "2", "5"):
+        monkeypatch.setenv("POROUS_THREADS", threads)
+        thick.append(window._thickness(1e9))
+        assert np.array_equal(covered(SYSTEMS[name], frame)[0], marks)
+    assert thick == [7, 4, 2]
+    monkeypatch.setattr(covers, "MOST_CELLS", 3 * 19 * 23)
+    assert window._thickness(0.0) == 3
+    assert np.array_equal(covered(SYSTEMS[name], frame)[0], marks)
+
+
 def test_a_cover_does_not_depend_on_the_names_of_states():
     # The four maps as transitions among two states that are the same.
     one = of_maps(TETRA)

@@ -155,12 +155,17 @@ class _Window(Window):
             known = _known(automaton, balls.tobytes(), edge)
         marks = self.empty()
 
+        thickness = self._thickness(known.occupied(root[0], edge))
+        if thickness >= len(marks):  # as tiles are, of which each thread has its own
+            self.cover(marks, known, root, size)
+            return marks
+
         def work(first: int, last: int) -> None:
             start, shape = self.start.copy(), np.array(marks[first:last].shape)
             start[0] += first
             _Window(start, shape, self.spacing).cover(marks[first:last], known, root, size)
 
-        slabs(len(marks), self._thickness(known.occupied(root[0], edge)), work)
+        slabs(len(marks), thickness, work)
         return marks
 
     def _thickness(self, occupied: float) -> int:
