@@ -2,6 +2,7 @@
 
 import itertools
 import pickle
+from dataclasses import replace
 from functools import cache
 
 import macro_meshes as meshes
@@ -368,7 +369,7 @@ BAD = {
     ),
     "other divisions": (
         {"cells": [FIRST, {"controls": SECOND, "digits": {"divisions": 2, "keep": [[0, 0, 0]]}}]},
-        "of cell 0 and .* of cell 1 have the same controls but are subdivided differently",
+        r"of cell 0 and .* of cell 1 are one face, of controls \d+, .* into 9 and 4 pieces",
     ),
     "a table of a beam": (
         {
@@ -379,6 +380,41 @@ BAD = {
         r"cells\[0\]: got a table; wanted the indices alone",
     ),
 }
+
+
+def test_cells_of_other_textures_are_refused_where_they_meet(tmp_path):
+    row = in_a_row(2, 3)
+    row["cells"][1] = {"controls": row["cells"][1], "texture": {"edge": 0.2}}
+    with pytest.raises(ModelError, match=r"of cell 0 and .* of cell 1 .* by other textures"):
+        recipe(tmp_path, **row, cell="hex-27", texture={"edge": 0.3})
+    # Across the face that they share they may differ: its lines run along y and z.
+    row["cells"][1]["texture"] = [{"edge": 0.2}, {"edge": 0.3}, {"edge": 0.3}]
+    assert recipe(tmp_path, **row, cell="hex-27", texture={"edge": 0.3}).counts[0] == 2 * 64 - 16
+
+
+def half_rings(bulge):
+    """Return two cells that make a ring: they share both ends, and the ends of all arcs."""
+    points, cells = meshes.Points(), []
+    for side in (1, -1):
+        arc = ((side, 0), (0, side * bulge), (-side, 0))
+        cells.append(
+            [points((r * x, r * y, z)) for r in (2, 2.5, 3) for x, y in arc for z in (0, 0.6, 1.1)]
+        )
+    return points.array, cells
+
+
+def test_two_half_rings_have_other_arcs_between_the_same_ends():
+    controls, cells = half_rings(2.0)
+    assert Families.of(cells).count == 4
+    for texture in (None, ASYMMETRIC):
+        textures = texture and (texture,) * 3
+        found = assembled("hex-27", [Hexahedron(tuple(c), MENGER, textures) for c in cells])
+        model = CellSystem(solve(found.brep), controls, 0, ROOMY, macro=found.mesh)
+        assert model.counts == (8, 16, 10, 2)
+        assert replace(model, level=2).counts == tuple(
+            np.linalg.matrix_power(W, 2) @ (8, 16, 10, 2)
+        )
+        assert tear(replace(model, level=2)) < 1e-15
 
 
 @pytest.mark.parametrize("case", BAD)

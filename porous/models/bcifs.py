@@ -157,7 +157,7 @@ def bcifs(
         bulk.scaled(scale) if bulk else None,
         macro,
     )
-    if start.dimension == 3:
+    if start.dimension == 3 or macro:
         _check_level_zero(replace(system, level=0))
     if bulk is None and start.dimension < 3:
         reach = draw.radius if draw else float(offset) if limit else 0.0
@@ -264,7 +264,8 @@ def _check_level_zero(system: CellSystem) -> None:
     """Raise ``ModelError`` where a level-0 cell is folded; its controls are out of order then."""
     _ = system.complex  # what is wrong with the lists of controls is told first
     try:
-        check_places(system.nodes)
+        if system.brep.states[system.brep.start].dimension == 3:
+            check_places(system.nodes)
     except ModelError as error:
         corners = system.brep.of_dimension(system.brep.start, 0)
         hint = "x slowest, z fastest" if len(corners) == 8 else "as in its reference cell"

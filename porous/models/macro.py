@@ -248,11 +248,15 @@ class Sharing:
             self.entities[state].append(found[key][1])
         kind, entity = found[key]
         if kind != state:
-            names = [self.brep.states[s].name for s in (kind, state)]
+            one, other = (self.brep.states[s] for s in (kind, state))
+            pieces = len(one.children), len(other.children)
+            why = "by other textures, or on other levels"
+            if pieces[0] != pieces[1]:
+                why = f"into {pieces[0]} and {pieces[1]} pieces"
             raise ModelError(
-                f"cells: {self.text(entity.users[0])} and {self.text(slot)} have the same "
-                f"controls but are subdivided differently (states {names[0]} and {names[1]}); "
-                "wanted the same divisions and textures on both sides"
+                f"cells: {self.text(entity.users[0])} and {self.text(slot)} are one face, of "
+                f"controls {', '.join(map(str, sorted(own)))}, but are subdivided differently: "
+                f"{why}; wanted the same divisions and textures on both sides"
             )
         entity.users.append(slot)
         self.ids[slot.cell][slot.boundary] = entity.number

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from porous.models.brep import BRep
 
     Digits = tuple[DigitSet, ...]
-    Edge = tuple[int, int]
+    Edge = tuple[int, ...]
     Three = tuple[Texture, Texture, Texture]
 
 AXES = range(3)
@@ -101,8 +101,8 @@ class _Ways:
 
     def find(self, edge: Edge) -> tuple[Edge, bool]:
         """Return what represents an edge's class, and whether the edge runs against that."""
-        way = edge[0] > edge[1]
-        root = (edge[1], edge[0]) if way else edge
+        way = edge[0] > edge[-1]
+        root = edge[::-1] if way else edge
         while root in self._above:
             root, turn = self._above[root]
             way ^= turn
@@ -124,10 +124,9 @@ def _lattice(cell: Sequence[int]) -> NDArray[np.int64]:
 
 
 def _edges(cell: Sequence[int], axis: int) -> list[Edge]:
-    """Return the four edges along an axis, from low to high."""
-    ids = _lattice(cell)
-    ends = np.moveaxis(ids, axis, 0)[:: len(ids) - 1, :: len(ids) - 1, :: len(ids) - 1]
-    return [(int(ends[0, i, j]), int(ends[1, i, j])) for i, j in product((0, 1), repeat=2)]
+    """Return the controls of the four edges along an axis, from low to high."""
+    along = np.moveaxis(_lattice(cell), axis, 0)
+    return [tuple(along[:, i, j].tolist()) for i, j in product((0, -1), repeat=2)]
 
 
 class Assembly(NamedTuple):
