@@ -12,6 +12,7 @@ from porous.kernels import overlap as overlap_kernel
 from porous.kernels.cover import Descent
 from porous.models import cover, overlap
 from porous.models.automaton import of_maps
+from porous.models.cell_cover import cover_cells
 from porous.models.enclosure import enclosing_balls
 from porous.values import Frame
 
@@ -172,6 +173,50 @@ def test_work_without_end_is_refused(monkeypatch):
     automaton, balls, _ = system_of(maps)
     with pytest.raises(ModelError, match="overlap so much that 1000 words"):
         cover.cover_attractor(automaton, balls, framed(maps, 70))
+
+
+# --- words that coincide -------------------------------------------------------------------
+
+
+def about_z(angle, shift):
+    c, s = np.cos(angle), np.sin(angle)
+    return 0.7 * np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array(shift)
+
+
+COMMUTING = [about_z(angle, (0, 0, 0)) for angle in (0.3, 1.1, 8**0.5)]
+STEPS = [(np.eye(3) / 2, np.array(d) / 4) for d in np.ndindex(3, 3, 3)]
+
+
+def test_letters_are_words_that_differ():
+    # Three maps that commute: n letters make (n + 1)(n + 2) / 2 words.
+    maps, growth = overlap.letters(system_of([*COMMUTING])[2])
+    length = round(np.log(np.linalg.det(maps[0, :, :3])) / np.log(0.7**3))
+    assert len(maps) == (length + 1) * (length + 2) / 2
+    assert length >= 5
+    assert growth == pytest.approx(0.7**3 * len(maps) ** (1 / length))
+    # Steps along an axis are whole numbers up to 2 · (2ⁿ − 1): 3, 7 and 15 of the words.
+    along = [m for m in STEPS if m[1][0] == 0 and m[1][1] == 0]
+    maps, growth = overlap.letters(system_of(along)[2])
+    length = round(np.log2(len(maps) + 1)) - 1
+    assert np.array_equal(np.unique(maps[:, 2, 3]) * 2 ** (length + 1), np.arange(len(maps)))
+    assert growth == pytest.approx(len(maps) ** (1 / length) / 8)
+    assert length >= 5
+    # Where none coincide they are the maps.
+    system = system_of(SYSTEMS["six of 0.7"])[2]
+    assert np.array_equal(overlap.letters(system)[0], system.maps)
+
+
+def test_words_that_coincide_count_once():
+    maps = [*COMMUTING, about_z(0.5, (0.5, 0, 0.3))]
+    automaton, balls, system = system_of(maps)
+    assert not overlap.overlaps(system)  # 4 · 0.343 = 1.37 by letter, but 1.08 by words that differ
+    frame = framed(maps, 40)
+    marks, _ = cover.cover_attractor(automaton, balls, frame)
+    index = np.floor((game(maps, 300_000) - frame.origin) / frame.spacing).astype(int)
+    inside = ((index >= 0) & (index < frame.shape)).all(axis=1)
+    assert marks[tuple(index[inside].T)].all()
+    cells, _ = cover_cells(automaton, frame)
+    assert (marks != (cells != 0)).sum() < 0.01 * marks.sum()
 
 
 # --- coordinates ---------------------------------------------------------------------------

@@ -135,7 +135,7 @@ def merged(
     kept = np.ones(count, bool)
     for group in groups:
         age = np.zeros(len(group.place)) if births is None else births[group.place]
-        kept[group.place[_repeated(group.points, age, reach)]] = False
+        kept[group.place[repeated(group.points, age, reach)]] = False
     place = np.cumsum(kept) - 1
     chosen = [kept[group.place] for group in groups]
     left = tuple(
@@ -145,11 +145,12 @@ def merged(
     return left, np.flatnonzero(kept)
 
 
-def _repeated(points: Floats, ages: Indices | Floats, reach: float) -> Indices:
+def repeated(points: Floats, ages: Indices | Floats, reach: float) -> Indices:
     """Return the indices of cells that coincide with another one of their age, which is not.
 
-    A random mixture of a cell's numbers is its key: cells that coincide follow each other in the
-    order of the keys. What tells is the comparison of all their numbers with the first such cell's.
+    Of points (k, 3, m) no coordinate differs by more than ``reach``. A random mixture of a cell's
+    numbers is its key: cells that coincide follow each other in the order of the keys. What tells
+    is the comparison of all their numbers with the first such cell's.
     """
     flat: Floats = np.column_stack([points.reshape(len(points), -1), ages])
     mixture = np.random.default_rng(0).uniform(1, 2, flat.shape[1:])

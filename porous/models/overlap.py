@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.models.adapted import adapted_norms
+from porous.models.distinct import SAME, repeated
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,7 +25,8 @@ SLOW = 0.95
 """Maps that contract less in some direction leave the distance from a net too uncertain."""
 
 BETTER = 0.99
-"""Coordinates are changed for those in which the largest norm is less than this part of it."""
+"""Coordinates are changed where the largest norm, and letters where the overlap, becomes less than
+this part of it."""
 
 CELLS = 128
 """Cells of the net along the attractor's longest edge."""
@@ -46,15 +48,38 @@ def overlaps(system: System) -> bool:
     """Tell whether words at a place become ever more, and can be sought backwards.
 
     That is for one state with invertible maps that contract in the coordinates that suit them.
+    Words whose maps coincide count once.
     """
     if len(system.balls) > 1 or len(system.maps) < 2:
         return False
-    amount = np.abs(np.linalg.det(system.maps[:, :, :3]))
-    if amount.sum() <= MUCH:
+    if _growth(system.maps, 1) <= MUCH:
         return False
-    largest = _norms(_turned(system.maps, coordinates(system.maps)))
-    upright = amount > 1e-3 * largest**3  # the inverses do not stretch too unequally
-    return bool(largest.max() <= SLOW and upright.all())
+    maps, growth = letters(system)
+    turn = coordinates(maps)
+    slowest = _norms(_turned(system.maps, turn)).max()
+    # The inverses do not stretch too unequally.
+    upright = np.abs(np.linalg.det(maps[:, :, :3])) > 1e-3 * _norms(_turned(maps, turn)) ** 3
+    return bool(growth > MUCH and slowest <= SLOW and upright.all())
+
+
+def letters(system: System) -> tuple[Floats, float]:
+    """Return maps (m, 3, 4) of which a one-state attractor is that, and how fast they overlap.
+
+    It is that of all words of a length, too, and where such coincide, of those that differ: fewer
+    words are then at a place. The number is the sum of determinants by letter of the given maps.
+    """
+    centre, radius = system.balls[0, :3], system.balls[0, 3]
+    found, least = system.maps, _growth(system.maps, 1)
+    words, length = system.maps, 1
+    while len(words) * len(system.maps) <= WORDS:
+        words, length = _longer(words, system.maps), length + 1
+        linear, shift = words[:, :, :3], words[:, :, :3] @ centre + words[:, :, 3] - centre
+        placed = np.concatenate([linear * radius, shift[:, :, None]], axis=2)
+        words = np.delete(words, repeated(placed, np.zeros(len(words)), SAME * radius), axis=0)
+        growth = _growth(words, length)
+        if growth < BETTER * least:
+            found, least = words, growth
+    return found, least
 
 
 def coordinates(maps: Floats) -> Floats:
@@ -84,10 +109,11 @@ def reference(system: System) -> Reference:
 
     from porous.kernels.overlap import Reference, spread
 
-    turn = coordinates(system.maps)
-    maps = _turned(system.maps, turn)
-    ball, block = _enclosed(_words(maps, WORDS), turn @ system.balls[0, :3])
-    words, middle, half = _words(maps, IMAGES), block[:3], block[3:]
+    chosen, _ = letters(system)
+    turn = coordinates(chosen)
+    maps, own = _turned(chosen, turn), _turned(system.maps, turn)
+    ball, block = _enclosed(_words(own, WORDS), turn @ system.balls[0, :3])
+    words, middle, half = _words(own, IMAGES), block[:3], block[3:]
     edge = 2 * float(half.max()) / CELLS
     shape = tuple(int(n) + 2 * ROOM for n in np.maximum(np.ceil(2 * half / edge), 1))
     low = middle - edge * np.array(shape) / 2
@@ -142,11 +168,19 @@ def _turned(maps: Floats, turn: Floats) -> Floats:
     return np.concatenate([linear, (maps[:, :, 3] @ turn.T)[:, :, None]], axis=2)
 
 
+def _growth(words: Floats, length: int) -> float:
+    return float(np.abs(np.linalg.det(words[:, :, :3])).sum() ** (1 / length))
+
+
 def _words(maps: Floats, most: int) -> Floats:
     """Return the maps of all words of some length: the longer, the stronger they contract."""
     result = maps
     while len(result) * len(maps) <= most:
-        linear = np.einsum("kab,mbc->kmac", result[:, :, :3], maps)
-        linear[:, :, :, 3] += result[:, None, :, 3]
-        result = linear.reshape(-1, 3, 4)
+        result = _longer(result, maps)
     return result
+
+
+def _longer(words: Floats, maps: Floats) -> Floats:
+    linear = np.einsum("kab,mbc->kmac", words[:, :, :3], maps)
+    linear[:, :, :, 3] += words[:, None, :, 3]
+    return np.asarray(linear.reshape(-1, 3, 4))
