@@ -423,6 +423,43 @@ def test_what_is_read_at_once_is_bounded_and_changes_nothing(monkeypatch):
     assert height_map(grid, "ZMAX") == wanted
 
 
+# --- heights of surfaces -------------------------------------------------------------------
+
+
+def test_a_tent_is_seen_as_it_is():
+    points = np.array([[0, 0, 1], [4, 0, 1], [4, 3, 1], [0, 3, 1], [2, 1.5, 2.5]])
+    fan = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    floor = [[0, 2, 1], [0, 3, 2]]
+    tent = po.SurfaceMesh(points, np.array(fan + floor), unit="um")
+    found = height_map(tent, "ZMAX", columns=8)
+    x, y = np.meshgrid(np.arange(8) / 2 + 0.25, np.arange(6) / 2 + 0.25, indexing="ij")
+    wanted = -1.5 * np.maximum(np.abs(x - 2) / 2, np.abs(y - 1.5) / 1.5)
+    assert found.heights == pytest.approx(wanted, abs=1e-12)
+    assert (found.spacing, found.unit, found.doubt) == ((0.5, 0.5), "um", 0.0)
+    assert height_map(tent, "ZMIN", columns=9).heights == pytest.approx(0)
+    assert all(row.of == "surface" for row in roughness(found, "ZMAX"))
+    with pytest.raises(GridError, match="column seen from XMAX meets no solid"):
+        height_map(tent, "XMAX")
+    with pytest.raises(GridError, match="got 1 columns"):
+        height_map(tent, "ZMAX", columns=1)
+
+
+@pytest.mark.parametrize("face", SIDES)
+def test_the_surface_of_a_grid_is_as_rough_as_the_grid(face):
+    model = rough((13.0, 11.0, 9.0), [skin(face, 2.3, 0.2, bumps=2, seed=1)])
+    grid = po.voxelize(model, voxels=104)
+    within = model.rough_faces[face]
+    surface = po.extract_surface(grid)
+    rows, others = (
+        values(height_map(body, face, within=within, columns=104), face) for body in (grid, surface)
+    )
+    assert rows["sq", "height map"].value == pytest.approx(0.2, rel=0.02)
+    for name in ("sa", "sq"):
+        # Marching cubes round peaks and pits off.
+        wanted = rows[name, "height map"].value
+        assert others[name, "height map"].value == pytest.approx(wanted, rel=0.02)
+
+
 # --- bodies --------------------------------------------------------------------------------
 
 

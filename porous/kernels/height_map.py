@@ -1,4 +1,4 @@
-"""How far in from a side of a grid the solid begins, column by column, from fills."""
+"""What is seen from a side, column by column: solid of a grid from fills, the highest triangles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from porous.kernels._shared import kernel, source
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Index = tuple[int, int]
+
 SEARCHING, RISING, DONE = range(3)
+
+SLACK = 1e-9
+"""Places so near a triangle, as a part of its size, are in it: there is no gap between two."""
 
 
 def seen(
@@ -54,3 +59,43 @@ def _seen(layers, missing, last, state):
                     state[i, j] = RISING
                 if fill == 255:
                     state[i, j] = DONE
+
+
+def highest(
+    corners: NDArray[np.float64],
+    lower: tuple[float, float],
+    step: tuple[float, float],
+    shape: Index,
+) -> NDArray[np.float64]:
+    """Return the largest z of triangles over a lattice of places; −∞ where there is none.
+
+    Parameters
+    ----------
+    corners
+        Shape (k, 3, 3): the corners (x, y, z) of each triangle.
+    lower, step, shape
+        Place (i, j) is lower + (i, j) · step.
+    """
+    result = np.full(shape, -np.inf)
+    _highest(source(corners, np.float64), *lower, *step, result)
+    return result
+
+
+@kernel
+def _highest(corners, x0, y0, dx, dy, out):
+    for t in range(len(corners)):
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners[t, 0], corners[t, 1], corners[t, 2]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        first = max(0, np.int64(np.ceil((min(ax, bx, cx) - x0) / dx - SLACK)))
+        last = min(out.shape[0] - 1, np.int64(np.floor((max(ax, bx, cx) - x0) / dx + SLACK)))
+        front = max(0, np.int64(np.ceil((min(ay, by, cy) - y0) / dy - SLACK)))
+        back = min(out.shape[1] - 1, np.int64(np.floor((max(ay, by, cy) - y0) / dy + SLACK)))
+        for i in range(first, last + 1):
+            for j in range(front, back + 1):
+                x, y = x0 + i * dx, y0 + j * dy
+                b = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                c = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                if min(b, c, 1.0 - b - c) >= -SLACK:
+                    out[i, j] = max(out[i, j], az + b * (bz - az) + c * (cz - az))

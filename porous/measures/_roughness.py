@@ -1,8 +1,8 @@
-"""How rough the sides of a grid are: heights seen from outside, and what follows from them.
+"""How rough the sides of a body are: heights seen from outside, and what follows from them.
 
 A side is seen as by a profilometer: column by column, along its normal, down to the first solid.
-What lies below an overhang is not seen. Heights are means over columns of one voxel, and what is
-told of them refers to their mean plane, which is parallel to the side.
+What lies below an overhang is not seen. Heights of a grid are means over columns of one voxel; what
+is told of them refers to their mean plane, which is parallel to the side.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from porous.errors import GridError, nearest
 from porous.measures._boxes import line
 from porous.measures._porosity import OFFSET, VOXEL
-from porous.values import Box, Measure, Measures
+from porous.values import Box, Measure, Measures, SurfaceMesh
 from porous.values.box import SIDES
 from porous.values.value import Value, frozen
 
@@ -72,6 +72,8 @@ class HeightMap(Value):
         Unit of length.
     doubt
         Standard uncertainty of a height, in ``unit``.
+    of
+        What was seen, grid or surface.
 
     Raises
     ------
@@ -83,6 +85,7 @@ class HeightMap(Value):
     spacing: tuple[float, float]
     unit: str = "mm"
     doubt: float = 0.0
+    of: str = "surface"
 
     def __post_init__(self) -> None:
         self._set("heights", frozen(self.heights, np.float64))
@@ -104,7 +107,7 @@ class HeightMap(Value):
         n, m = (count // 2 for count in self.heights.shape)
         means = self.heights[: 2 * n, : 2 * m].reshape(n, 2, m, 2).mean(axis=(1, 3))
         a, b = self.spacing
-        return HeightMap(means, (2 * a, 2 * b), self.unit, self.doubt)
+        return HeightMap(means, (2 * a, 2 * b), self.unit, self.doubt, self.of)
 
 
 class Variogram(NamedTuple):
@@ -114,32 +117,44 @@ class Variogram(NamedTuple):
     means: NDArray[np.float64]
 
 
-def height_map(grid: Tiled, face: str, *, within: Box | None = None) -> HeightMap:
-    """Return the heights of a side of a grid, as seen along its normal.
+def height_map(
+    subject: Tiled | SurfaceMesh, face: str, *, within: Box | None = None, columns: int = 256
+) -> HeightMap:
+    """Return the heights of a side of a body, as seen along its normal.
 
     Parameters
     ----------
-    grid
-        The body; it is read from that side inwards, until every column has met solid.
+    subject
+        A grid, which is read from that side inwards until every column has met solid; or a surface,
+        which need not be closed.
     face
-        XMIN, XMAX, YMIN, YMAX, ZMIN or ZMAX. Heights are above this side of the frame, so most
-        are negative; rows and columns of the map are along the other two axes, in their order.
+        XMIN, XMAX, YMIN, YMAX, ZMIN or ZMAX. Heights are above this side of the grid's frame or of
+        the surface's box, so most are negative; rows and columns of the map are along the other two
+        axes, in their order.
     within
         Columns whose centres lie outside of this box are left out.
+    columns
+        Of a surface: how many there are along the longer edge.
 
     Returns
     -------
     HeightMap
-        A column's height is what it lacks of being filled up to the side, from the first voxel
-        that is half solid outwards, and inwards as long as fills rise. Of fills each is uncertain
-        by 0.13 of a voxel, of centres or a cover by 0.29.
+        Of a grid a column's height is what it lacks of being filled up to the side, from the first
+        voxel that is half solid outwards, and inwards as long as fills rise. Of fills each is
+        uncertain by 0.13 of a voxel, of centres or a cover by 0.29. Of a surface it is that of its
+        highest point at the column's centre.
 
     Raises
     ------
     GridError
-        For an unknown face; where a column meets no solid, or there are fewer than 2 × 2.
+        For an unknown face; where a column meets nothing, or there are fewer than 2 × 2.
     """
-    found = _seen(grid, face, within, 1.0)
+    if face not in SIDES:
+        raise GridError(f"face: got {face!r}{nearest(face, SIDES)}")
+    if isinstance(subject, SurfaceMesh):
+        found = _seen_surface(subject, face, within, columns)
+    else:
+        found = _seen(subject, face, within, 1.0)
     if found is None:
         raise GridError(
             f"height map: a column seen from {face} meets no solid; wanted a side without holes "
@@ -148,10 +163,32 @@ def height_map(grid: Tiled, face: str, *, within: Box | None = None) -> HeightMa
     return found
 
 
+def _seen_surface(
+    surface: SurfaceMesh, face: str, within: Box | None, columns: int
+) -> HeightMap | None:
+    from porous.kernels.height_map import highest
+
+    (axis, upper), box = divmod(SIDES.index(face), 2), surface.box
+    seen = box if within is None else within
+    across = [a for a in range(3) if a != axis]
+    lengths = [seen.lengths[a] for a in across]
+    if not (columns >= 2 and min(lengths) > 0):
+        raise GridError(f"height map: got {columns} columns over {lengths}; wanted 2 or more")
+    shape = [max(2, round(columns * length / max(lengths))) for length in lengths]
+    a, b = (length / count for length, count in zip(lengths, shape, strict=True))
+    corners = surface.corners[..., [*across, axis]]
+    corners[..., 2] = (
+        corners[..., 2] - box.upper[axis] if upper else box.lower[axis] - corners[..., 2]
+    )
+    first = seen.lower[across[0]] + a / 2, seen.lower[across[1]] + b / 2
+    heights = highest(corners, first, (a, b), (shape[0], shape[1]))
+    if not np.isfinite(heights).all():
+        return None
+    return HeightMap(heights, (a, b), surface.unit, of="surface")
+
+
 def _seen(grid: Tiled, face: str, within: Box | None, deepest: float) -> HeightMap | None:
     """Return the map of a side, or None where a column misses it down to a part of the depth."""
-    if face not in SIDES:
-        raise GridError(f"face: got {face!r}{nearest(face, SIDES)}")
     frame, axis = grid.frame, SIDES.index(face) // 2
     start, stop = _columns(frame, axis, within)
     first, second = (a for a in range(3) if a != axis)
@@ -169,7 +206,7 @@ def _seen(grid: Tiled, face: str, within: Box | None, deepest: float) -> HeightM
     step = frame.spacing[axis]
     doubt = step * (VOXEL if grid.sampling == "fill" else OFFSET)
     spacing = frame.spacing[first], frame.spacing[second]
-    return HeightMap(-step * np.concatenate(parts), spacing, frame.unit, doubt)
+    return HeightMap(-step * np.concatenate(parts), spacing, frame.unit, doubt, "grid")
 
 
 def _missing(grid: Tiled, face: str, box: tuple[list[int], list[int]], depth: int) -> Floats | None:
@@ -233,7 +270,7 @@ def roughness(heights: HeightMap, face: str) -> Measures:
     Returns
     -------
     Measures
-        Of a grid; no dimension where there are fewer than three distances, or heights are all one.
+        Of what was seen; no dimension where there are fewer than three distances.
     """
     side = face.lower()
     if face not in SIDES:
@@ -250,7 +287,7 @@ def _areal(heights: HeightMap, side: str) -> Iterator[Measure]:
     for name, value in fine.items():
         doubt = math.hypot(noises[name], value - coarse[name])
         unit = "1" if name == "sdr" else heights.unit
-        yield Measure(f"{name}_{side}", value, unit, METHOD, doubt, "standard", "grid")
+        yield Measure(f"{name}_{side}", value, unit, METHOD, doubt, "standard", heights.of)
 
 
 def _parameters(heights: HeightMap) -> dict[str, float]:
@@ -295,14 +332,11 @@ def _dimensions(heights: HeightMap, side: str) -> Iterator[Measure]:
         return
     lags = np.log(found.distances).tolist()
     slope, doubt = line(lags, np.log(found.means).tolist())
-    yield _dimension(side, VARIOGRAM, 3 - slope / 2, doubt / 2)
+    name, kind = f"dimension_{side}", "standard"
+    yield Measure(name, 3 - slope / 2, "1", VARIOGRAM, doubt / 2, kind, heights.of)
     ranges = [math.log(_range(heights.residual, lag)) for lag in found.distances.tolist()]
     slope, doubt = line(lags, ranges)
-    yield _dimension(side, VARIATION, 3 - slope, doubt)
-
-
-def _dimension(side: str, method: str, value: float, doubt: float) -> Measure:
-    return Measure(f"dimension_{side}", value, "1", method, doubt, "standard", "grid")
+    yield Measure(name, 3 - slope, "1", VARIATION, doubt, kind, heights.of)
 
 
 def _second(z: Floats, lag: int) -> float:
