@@ -18,6 +18,7 @@ from porous.models.builders import Options, Texture, build_cell
 from porous.models.digits import DigitSet
 from porous.models.macro import MacroMesh
 from porous.models.merged import merged
+from porous.values.value import Value
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,8 +53,8 @@ class Axis(NamedTuple):
     against: bool
 
 
-@dataclass(frozen=True)
-class Families:
+@dataclass(frozen=True, eq=False)
+class Families(Value):
     """The axes of all cells by classes of parallel edges, numbered as cells and axes meet them.
 
     Parameters
@@ -102,11 +103,14 @@ class _Ways:
     def find(self, edge: Edge) -> tuple[Edge, bool]:
         """Return what represents an edge's class, and whether the edge runs against that."""
         way = edge[0] > edge[-1]
-        root = edge[::-1] if way else edge
+        start = root = edge[::-1] if way else edge
+        turned = False
         while root in self._above:
             root, turn = self._above[root]
-            way ^= turn
-        return root, way
+            turned ^= turn
+        if root != start:
+            self._above[start] = root, turned
+        return root, way ^ turned
 
     def join(self, one: Edge, other: Edge) -> None:
         """Make two edges parallel; contradictions are left to those who share the edges."""
