@@ -6,7 +6,6 @@ import numpy as np
 import skfem
 from skfem.helpers import ddot, div, sym_grad
 
-
 KINDS = {
     "tet4": (skfem.MeshTet, skfem.ElementTetP1(), [0, 1, 2, 3]),
     "hex8": (skfem.MeshHex, skfem.ElementHex1(), [0, 1, 3, 4, 2, 5, 7, 6]),

@@ -25,6 +25,7 @@ CELLS = (
     "sierpinski-joined",
     "tetra-octa",
     "octa-porous",
+    "junction-sponge",
 )
 PRESSED = tuple(name for name in CELLS if not name.startswith("sierpinski"))
 RESOLUTIONS = 30, 60, 120

@@ -50,6 +50,8 @@ NAMES = {
     "octa-porous",
     "support-tree",
     "rough-block",
+    "doo-sabin-shell",
+    "junction-sponge",
 }
 IN_PIECES = {"cantor-dust", "cantor-square", "sierpinski-lattice"}
 POINTED = {"sierpinski-joined"}  # nothing flat on top that could be pressed
