@@ -1,5 +1,7 @@
 """Doo and Sabin's surface about extraordinary faces: literature values, seams, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from porous.models.closure import closure
 from porous.models.complex import cell_complex
 from porous.models.solve import solve
 from porous.models.swept_body import Sweep
+from porous.recipe import load
 
 each_face = pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 8])
 
@@ -204,9 +207,10 @@ def test_cells_are_drawn_and_have_a_limit():
     area = sum(
         0.5 * np.abs(np.cross(c[:, 3] - c[:, 0], c[:, 2] - c[:, 1])[:, 2]).sum() for _, c in corners
     )
-    for model in (plates, bcifs(brep, level="limit", offset=0.04)):
+    limit = bcifs(brep, level="limit", offset=0.04)
+    for model, voxels in ((plates, 64), (limit, 36)):
         # The net is flat: a plate, and half a rod around it (its rim is less than 5 long).
-        grid = voxelize(model, voxels=64)
+        grid = voxelize(model, voxels=voxels)
         volume = grid.fill.sum() / 255 * np.prod(grid.frame.spacing)
         assert 0.08 * area < volume * 1.02
         assert volume < 0.08 * area + 5 * np.pi * 0.04**2 / 2
@@ -244,3 +248,20 @@ def test_there_are_faces_of_three_to_eight_corners():
     assert sorted(CELLS.values()) == [3, 4, 5, 6, 7, 8]
     with pytest.raises(ModelError, match="doo-sabin-9"):
         build_cell(Options("doo-sabin-9"))
+
+
+def test_cells_about_all_triangles_of_a_polyhedron_are_a_closed_surface():
+    # Every corner of the preset's polyhedron is of one triangle and three squares.
+    recipe = load("doo-sabin-shell")
+    for level in (0, 1, 2, 4):
+        model = replace(build(recipe.model, None), level=level)
+        cells = 24 * 4**level
+        assert model.counts == (cells + 2, 2 * cells, cells, 0)
+    surface = replace(model, level=3)
+    assert surface.betti_numbers == (1, 0, 1)
+    points = surface.places[0]
+    assert len(np.unique(np.rint(points * 1e9), axis=0)) == len(points)
+    # All symmetries of a cube: every point has its mirror images.
+    for turned in (-points, points[:, [1, 2, 0]], points[:, [1, 0, 2]]):
+        gap = np.abs(turned[:, None] - points[None]).max(axis=2).min(axis=1)
+        assert gap.max() < 1e-12
