@@ -22,7 +22,7 @@ MUCH = 1.2
 """Sum of the maps' determinants from which the words at a place become ever more."""
 
 SLOW = 0.95
-"""Maps that contract less in some direction leave the distance from a net too uncertain."""
+"""Words that contract less in some direction leave the distance from a net too uncertain."""
 
 BETTER = 0.99
 """Coordinates are changed where the largest norm, and letters where the overlap, becomes less than
@@ -47,8 +47,8 @@ TIGHT = 1 + 1e-9
 def overlaps(system: System) -> bool:
     """Tell whether words at a place become ever more, and can be sought backwards.
 
-    That is for one state with invertible maps that contract in the coordinates that suit them.
-    Words whose maps coincide count once.
+    That is for one state with invertible maps whose words contract in the coordinates that suit
+    them. Words whose maps coincide count once.
     """
     if len(system.balls) > 1 or len(system.maps) < 2:
         return False
@@ -56,7 +56,7 @@ def overlaps(system: System) -> bool:
         return False
     maps, growth = letters(system)
     turn = coordinates(maps)
-    slowest = _norms(_turned(system.maps, turn)).max()
+    slowest = _norms(_words(_turned(system.maps, turn), IMAGES)).max()
     # The inverses do not stretch too unequally.
     upright = np.abs(np.linalg.det(maps[:, :, :3])) > 1e-3 * _norms(_turned(maps, turn)) ** 3
     return bool(growth > MUCH and slowest <= SLOW and upright.all())
@@ -112,8 +112,9 @@ def reference(system: System) -> Reference:
     chosen, _ = letters(system)
     turn = coordinates(chosen)
     maps, own = _turned(chosen, turn), _turned(system.maps, turn)
-    ball, block = _enclosed(_words(own, WORDS), turn @ system.balls[0, :3])
-    words, middle, half = _words(own, IMAGES), block[:3], block[3:]
+    words = _words(own, IMAGES)
+    ball, block = _enclosed(words, _words(own, WORDS), turn @ system.balls[0, :3])
+    middle, half = block[:3], block[3:]
     edge = 2 * float(half.max()) / CELLS
     shape = tuple(int(n) + 2 * ROOM for n in np.maximum(np.ceil(2 * half / edge), 1))
     low = middle - edge * np.array(shape) / 2
@@ -140,20 +141,21 @@ def reference(system: System) -> Reference:
     )
 
 
-def _enclosed(words: Floats, middle: Floats) -> tuple[Floats, Floats]:
-    """Return a ball (4,) and a box (6,), middle and half edges, that hold the maps' attractor.
+def _enclosed(words: Floats, longer: Floats, middle: Floats) -> tuple[Floats, Floats]:
+    """Return a ball (4,) and a box (6,), middle and half edges, that hold an attractor.
 
-    Maps with norms s < 1 send the ball of radius max |T(m) − m| / (1 − s) about m into itself, so
-    that it holds the attractor; what holds its images does so too, and is often half as wide.
+    Its words with norms s < 1 send the ball of radius max |T(m) − m| / (1 − s) about m into itself,
+    so that it holds the attractor; what holds its images under ``longer`` words does so too, and is
+    often half as wide.
     """
     from porous.kernels.cover import held
 
-    norms, ends = _norms(words), np.zeros(len(words), np.int64)
     steps = np.linalg.norm(words[:, :, :3] @ middle + words[:, :, 3] - middle, axis=1)
-    ball = np.append(middle, float((steps / (1 - norms)).max()) * TIGHT)
+    ball = np.append(middle, float((steps / (1 - _norms(words))).max()) * TIGHT)
     block = np.append(middle, np.full(3, ball[3]))
+    norms, ends = _norms(longer), np.zeros(len(longer), np.int64)
     for _ in range(ROUNDS):
-        smaller, block = held((ends, words), norms, ball[None], block[None])
+        smaller, block = held((ends, longer), norms, ball[None], block[None])
         ball = smaller if smaller[3] < ball[3] else ball
     return ball, block
 
