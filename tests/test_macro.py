@@ -480,8 +480,8 @@ def test_a_hollow_cylinder_is_as_round_and_as_heavy_as_its_arcs():
     volume = (sectors[places[:, 0]] * angles[places[:, 1]]).sum() * 5 / 9
     assert mesh.volumes.sum() == pytest.approx(volume, rel=1e-3)
     radii = np.hypot(mesh.points[:, 0], mesh.points[:, 1])
-    assert radii.min() == pytest.approx(6, abs=1e-8)
-    assert radii.max() == pytest.approx(10, abs=1e-8)
+    assert radii.min() == pytest.approx(6, abs=1e-13)
+    assert radii.max() == pytest.approx(10, abs=1e-13)
     assert model.domain.lower == pytest.approx((-10, -10, 0), abs=1e-8)
     assert model.domain.upper == pytest.approx((10, 10, 5), abs=1e-8)
     assert {"ZMIN", "ZMAX"} <= set(mesh.parts)
