@@ -141,6 +141,12 @@ class BCIFSSection(Section):
         description="for each of several level-0 cells the indices of its controls; or a table "
         "{ controls = [..], digits = .., texture = .. } where it has its own",
     )
+    mesh: Path | None = Field(
+        default=None,
+        strict=False,
+        description="a path to a file of hexahedra (.vtu, .inp or .msh), in place of controls and "
+        "cells",
+    )
     size: float | None = Field(
         default=None,
         gt=0,
@@ -180,13 +186,6 @@ class BCIFSSection(Section):
         if self.cell == "beam" and self.draw == "cell" and self.level != "limit":
             raise ValueError('draw: wanted { along = ["edges"], radius = … } for cell = "beam"')
         return self
-
-    mesh: Path | None = Field(
-        default=None,
-        strict=False,
-        description="a path to a file of hexahedra (.vtu, .inp or .msh), in place of controls and "
-        "cells",
-    )
 
     @model_validator(mode="after")
     def _own_digits(self) -> Self:
