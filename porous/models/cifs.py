@@ -23,13 +23,12 @@ from porous.models.automaton import (
     Cells,
     State,
     Transition,
-    count_cells,
     numbers,
     product,
 )
 from porous.models.cifs_section import CIFSSection, index_of, system
 from porous.models.contraction import check_contracts
-from porous.models.distinct import distinct_cells
+from porous.models.distinct import count_distinct, distinct_cells
 from porous.models.drawing import Body, Drawing, body, drawn_as
 from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import MOST_CELLS
@@ -274,7 +273,7 @@ class CIFS(Value):
             raise ModelError(f"feature: got {feature}; wanted a positive length")
         needed = (feature - 2 * self.offset) * (1 - 1e-9)
         for level in range(DEEPEST if needed > 0 else 0):
-            found = count_cells(self.automaton, level)
+            found = count_distinct(self.automaton, level, MOST_CELLS)
             if found > MOST_CELLS:
                 raise ModelError(
                     f"finest_printable_level: level {level} has {found} cells; no more than "

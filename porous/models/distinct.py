@@ -66,11 +66,22 @@ def distinct_cells(automaton: Automaton, level: int) -> tuple[tuple[Cells, ...],
         looks = coincide or many <= FEW
         amount = many if looks else count_cells(automaton, level - depth + 1, groups)
         check_cells(automaton, amount, f"level {level}")
-        groups, births = _deeper(automaton, groups, births, depth)
-        if looks:
-            groups, kept = merged(automaton, groups, births)
-            births, coincide = births[kept], coincide or len(kept) < many
+        groups, births = _deeper(automaton, groups, births, depth, looks=looks)
+        coincide = coincide or len(births) < many
     return groups, births
+
+
+def count_distinct(automaton: Automaton, level: int, most: int) -> int:
+    """Return the number of a level's cells that differ, or a bound on it.
+
+    Below the first level for which more than ``most`` cells would be looked at, words are counted.
+    """
+    groups, births = cells(automaton, 0), np.zeros(1, np.int64)
+    for depth in range(1, level + 1):
+        if count_cells(automaton, 1, groups) > most:
+            return count_cells(automaton, level - depth + 1, groups)
+        groups, births = _deeper(automaton, groups, births, depth, looks=True)
+    return len(births)
 
 
 def cut_set(
@@ -165,12 +176,19 @@ def repeated(points: Floats, ages: Indices | Floats, reach: float) -> Indices:
 
 
 def _deeper(
-    automaton: Automaton, groups: Sequence[Cells], births: Indices, depth: int
+    automaton: Automaton, groups: Sequence[Cells], births: Indices, depth: int, *, looks: bool
 ) -> tuple[tuple[Cells, ...], Indices]:
-    """Return the children of cells, and by place the level that each was born at."""
+    """Return the children of cells, and by place the level that each was born at.
+
+    One of those that coincide, if one ``looks``.
+    """
     fan, births = np.ones(len(births), np.int64), births.copy()
     for group in groups:
         children = len(automaton.children[group.state])
         births[group.place] = depth if children else births[group.place]
         fan[group.place] = max(1, children)
-    return refined(automaton, groups), np.repeat(births, fan)
+    below, births = refined(automaton, groups), np.repeat(births, fan)
+    if not looks:
+        return below, births
+    below, kept = merged(automaton, below, births)
+    return below, births[kept]

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.models.automaton import cells, count_cells, frames
+from porous.models.automaton import frames
 from porous.models.dimension import ratios, singular_values
+from porous.models.distinct import count_distinct, distinct_cells
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,8 +28,8 @@ def least_shrinkage(automaton: Automaton, level: int) -> float:
     bounds them from below. Terminal cells count as they are.
     """
     scale = ratios(automaton)
-    if scale is None and count_cells(automaton, level) <= MOST_CELLS:
-        return thinnest(frames(automaton, cells(automaton, level)))
+    if scale is None and count_distinct(automaton, level, MOST_CELLS) <= MOST_CELLS:
+        return thinnest(frames(automaton, distinct_cells(automaton, level)[0]))
     steps = singular_values(automaton)[:, 2] if scale is None else scale
     least = [1.0] * len(automaton.states)
     for _ in range(level):
