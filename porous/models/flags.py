@@ -238,9 +238,11 @@ def _starts(generic: list[_Family], cluster: float) -> list[tuple[int, NDArray[n
     """Return the states' eigenspaces under the first generic sum, each cut to what others keep."""
     result = []
     for q, R in enumerate(generic[0]):
+        others = [g[q] for g in generic[1:]]
+        own, largest = _size([R]), _size(others)
         for value in _distinct(R, cluster) if len(R) else []:
-            space = _null(R - value * np.eye(len(R)), KEPT * float(np.linalg.norm(R, 2)))
-            smaller = _held(space, [g[q] for g in generic[1:]], KEPT)
+            space = _null(R - value * np.eye(len(R)), KEPT * own)
+            smaller = _held(space, others, KEPT * largest)
             # Where nothing is held each vector of the eigenspace may still generate less than all.
             result.append((q, smaller if smaller.shape[1] else space))
     return result
@@ -254,11 +256,11 @@ def _commuting(generic: list[_Family], kept: float) -> list[tuple[int, NDArray[n
     result = []
     for q in range(len(generic[0])):
         sums = [g[q] for g in generic]
-        size = max((float(np.linalg.norm(R, 2)) for R in sums if R.size), default=0.0)
+        size = _size(sums)
         pairs = [A @ B - B @ A for A, B in combinations(sums, 2)]
         space = _null(np.vstack(pairs), kept * size**2, least=0)
         while True:
-            smaller = _held(space, sums, kept)
+            smaller = _held(space, sums, kept * size)
             if smaller.shape == space.shape:
                 break
             space = smaller
@@ -298,13 +300,17 @@ def _null(
     return np.asarray(rows[len(rows) - many :].conj().T)
 
 
-def _held(space: NDArray[np.complex128], others: _Family, kept: float) -> NDArray[np.complex128]:
-    """Return the part of a space that matrices take into itself."""
+def _size(matrices: _Family) -> float:
+    """Return the largest spectral norm."""
+    return max((float(np.linalg.norm(R, 2)) for R in matrices if R.size), default=0.0)
+
+
+def _held(space: NDArray[np.complex128], others: _Family, size: float) -> NDArray[np.complex128]:
+    """Return the part of a space that matrices take into itself, but for less than ``size``."""
     while space.shape[1] > 1:
         out = [R @ space - space @ (space.conj().T @ (R @ space)) for R in others]
-        _, sigma, rows = np.linalg.svd(np.vstack(out), full_matrices=True)
-        size = kept * max(float(np.linalg.norm(R, 2)) for R in others)
-        stays = np.concatenate([sigma, np.zeros(len(rows) - len(sigma))]) <= size
+        _, sigma, rows = np.linalg.svd(np.vstack(out), full_matrices=False)
+        stays = sigma <= size
         if stays.all():
             break
         space = space @ rows[stays].conj().T
