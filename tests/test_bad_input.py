@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from refusals import contents, refuse
 
 from porous.cli import main
 
@@ -192,29 +193,6 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "broken.stl").write_bytes(b"\0" * 80 + (7).to_bytes(4, "little") + b"\0" * 9)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def refuse(folder: Path, capsys, argv: list[str], code: int, words: str) -> None:
-    """Run a command line that must fail: one line, its words, its code, no traces."""
-    before = contents(folder)
-    assert main(argv) == code
-    said = capsys.readouterr()
-    last = said.err.splitlines()[-1]
-    assert said.out == ""
-    assert last.startswith("porous: ")
-    assert re.search(words, last), last
-    assert "Traceback" not in said.err
-    assert "fault of porous" not in last
-    assert "\n  " not in said.err
-    assert contents(folder) == before
-
-
-def contents(folder: Path) -> dict[str, bytes | None]:
-    """Return everything below a folder."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
-        for path in sorted(folder.rglob("*"))
-    }
 
 
 @pytest.mark.parametrize("name", SETTINGS)
