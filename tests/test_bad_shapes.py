@@ -76,6 +76,10 @@ RECIPES = {
     "cell twice": (block(TWO, [*PAIR, PAIR[1]]), "cell"),
     "index beyond": (block(TWO, [PAIR[0], [4, 5, 6, 7, 8, 9, 10, 12]]), "12"),
     "index below zero": (block(TWO, [PAIR[0], [4, 5, 6, 7, 8, 9, 10, -1]]), "-1"),
+    "index above all whole numbers of 64 bits": (
+        block(TWO, [[10**20, *PAIR[0][1:]], PAIR[1]]),
+        r"cells\[0\]: names control 1000.*; there are 12",
+    ),
     "seven corners": (block(TWO, [PAIR[0], PAIR[1][:7]]), "7"),
     "corner twice": (block(TWO, [PAIR[0], [4, 5, 6, 7, 8, 9, 10, 10]]), "10|twice"),
     "control that nobody uses": (block(np.vstack([TWO, [[9, 9, 9]]]), PAIR), "12|control"),
@@ -162,6 +166,13 @@ RECIPES = {
     "unknown curve": (tensor("curve = 'nurbs'"), "curve"),
     "degree 9": (tensor("curve = 'bezier', degree = 9"), "degree"),
     "knots that decrease": (tensor("curve = 'b-spline', knots = [0, 2, 1, 3]"), "knots"),
+    **{
+        f"knots up to {far:g}": (
+            tensor(f"curve = 'b-spline', knots = [{-far}, 0, 1, {far}]"),
+            "knots: got .* at most 1000000 times the shortest",
+        )
+        for far in (1e17, 1e200, 1e308)
+    },
     "Takagi that does not contract": (tensor("curve = 'takagi', weight = -1.0"), "weight|edge"),
     "curves of a block": (block(CORNERS, more="curves = [{ curve = 'koch' }]\n"), "curves"),
     "a patch is no body": (tensor("curve = 'koch'", "curve = 'koch'"), "draw"),

@@ -11,7 +11,7 @@ from porous.errors import MeshError, ModelError, nearest
 from porous.formats import read
 from porous.models.automaton import DEEPEST
 from porous.models.builders import CurveSection, Options, Texture, build_cell, cell_names
-from porous.models.macro import MacroMesh, of_hexahedra, with_middles
+from porous.models.macro import MacroMesh, check_indices, of_hexahedra, with_middles
 from porous.models.macro_frames import Families, Hexahedron, assembled
 from porous.models.rational import columns
 from porous.models.sections import BoxSection, DigitsSection, Section
@@ -264,6 +264,7 @@ def system_of(section: BCIFSSection, folder: Path) -> System:
     if controls is None or not lists:
         size = None if controls is None else controls.shape[1]
         return System(_brep(section, size), controls, None, section.digit_sets())
+    check_indices(lists, controls.shape[1])
     if section.cell not in HEXAHEDRA:
         brep = _brep(section, len(lists[0]))
         mesh = MacroMesh(tuple(lists), (brep.start,) * len(lists))

@@ -364,16 +364,12 @@ def check_macro(brep: BRep, mesh: MacroMesh, controls: int) -> None:
     Cells with a control too many, that is not there or named twice; a control of no cell; cells
     that are the same. Names the cell.
     """
+    check_indices(mesh.cells, controls)
     met: dict[frozenset[int], int] = {}
     for cell, (q, indices) in enumerate(zip(mesh.states, mesh.cells, strict=True)):
         size = brep.states[q].size
         if len(indices) != size:
             raise ModelError(f"cells[{cell}]: got {len(indices)} controls; wanted {size}")
-        for index in indices:
-            if not 0 <= index < controls:
-                raise ModelError(
-                    f"cells[{cell}]: names control {index}; there are {controls}, numbered from 0"
-                )
         twice = [index for index in indices if indices.count(index) > 1]
         if twice:
             raise ModelError(
@@ -384,6 +380,16 @@ def check_macro(brep: BRep, mesh: MacroMesh, controls: int) -> None:
         if same != cell:
             raise ModelError(f"cells[{cell}]: has the controls of cells[{same}]; wanted each once")
     _check_used(mesh.cells, controls)
+
+
+def check_indices(cells: Sequence[Sequence[int]], controls: int) -> None:
+    """Raise ``ModelError`` for a cell that names a control that is not there."""
+    for cell, indices in enumerate(cells):
+        for index in indices:
+            if not 0 <= index < controls:
+                raise ModelError(
+                    f"cells[{cell}]: names control {index}; there are {controls}, numbered from 0"
+                )
 
 
 def _check_used(cells: Sequence[Sequence[int]], controls: int) -> None:

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 HIGHEST = 8
 """The highest degree: blossoms are exact, and a cell of degree p has (p + 1)³ controls."""
 
+UNEVEN = 10**6
+"""How many times the shortest span of knots the longest may be; beyond it controls coincide."""
+
 
 @dataclass(frozen=True, eq=False)
 class Piece(Value):
@@ -214,8 +217,8 @@ def spline(knots: Iterable[float], divisions: int | Iterable[int] = 2) -> Curve:
     Raises
     ------
     ModelError
-        For an odd number of knots, knots that decrease or are no numbers, a span of no length;
-        and as ``bezier``.
+        For an odd number of knots, knots that decrease or are no numbers, a span of no length,
+        spans of which one is more than ``UNEVEN`` times another; and as ``bezier``.
     """
     given = numbers(list(knots), "knots").tolist()
     degree = len(given) // 2
@@ -228,7 +231,14 @@ def spline(knots: Iterable[float], divisions: int | Iterable[int] = 2) -> Curve:
             f"knots: got {given}; wanted none below the one before, and a middle span from "
             f"{given[degree - 1]:g} to more"
         )
-    start = _normal([Fraction(u) for u in given], degree)
+    exact = [Fraction(u) for u in given]
+    spans = [b - a for a, b in pairwise(exact) if a < b]
+    if max(spans) > UNEVEN * min(spans):
+        raise ModelError(
+            f"knots: got {given}; wanted the longest span between neighbours at most {UNEVEN} "
+            "times the shortest above zero"
+        )
+    start = _normal(exact, degree)
     return _blossomed(start, 1, _divisions(divisions))
 
 
