@@ -243,6 +243,25 @@ def test_kochs_curve_is_the_classical_polyline():
     np.testing.assert_allclose(found[0] + 1j * found[1], expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("edge", [(0.45, -0.4, 0.45), (0.5, 0.45, -0.5)])
+def test_ranges_of_rough_pieces_add_up_to_more_at_each_level(edge):
+    """Their sum grows by Σ|r| a level, so a graph's box dimension is 1 + ln Σ|r| / ln 3."""
+    matrices = rough(Texture(edge=edge, bump=(0.5, 0.3)), 3).matrices
+    heights = np.array([[0.0, 1.0, 0.0]])  # over the abscissae 0, ½, 1: a graph
+    for _ in range(12):
+        heights = (heights[:, None, None] @ matrices).reshape(-1, 3)
+    ends = np.append(heights[:, 0], heights[-1, 2])
+    sums = []
+    for level in (4, 5, 6):
+        pieces = ends[:-1].reshape(3**level, -1)
+        following = ends[pieces.shape[1] :: pieces.shape[1]]
+        joined = np.column_stack([pieces, following])
+        sums.append(np.ptp(joined, axis=1).sum())
+    growth = np.abs(edge).sum()
+    assert growth > 1
+    assert np.array(sums[1:]) / sums[:-1] == pytest.approx(growth, rel=0.02)
+
+
 @pytest.mark.parametrize("w", [0.25, 0.5, 0.7, -0.4])
 def test_takagis_curve_is_its_series(w):
     P = np.array([[0, 0.5, 1], [0, 1, 0]])

@@ -52,6 +52,7 @@ NAMES = {
     "rough-block",
     "doo-sabin-shell",
     "junction-sponge",
+    "koch-wall",
 }
 IN_PIECES = {"cantor-dust", "cantor-square", "sierpinski-lattice"}
 POINTED = {"sierpinski-joined"}  # nothing flat on top that could be pressed
