@@ -80,6 +80,10 @@ RECIPES = {
         block(TWO, [[10**20, *PAIR[0][1:]], PAIR[1]]),
         r"cells\[0\]: names control 1000.*; there are 12",
     ),
+    "digit above all whole numbers of 64 bits": (
+        block(CORNERS).replace("'menger'", "[[0, 0, 0], [100000000000000000000, 0, 0]]"),
+        "model.digits.keep: got .*below divisions",
+    ),
     "seven corners": (block(TWO, [PAIR[0], PAIR[1][:7]]), "7"),
     "corner twice": (block(TWO, [PAIR[0], [4, 5, 6, 7, 8, 9, 10, 10]]), "10|twice"),
     "control that nobody uses": (block(np.vstack([TWO, [[9, 9, 9]]]), PAIR), "12|control"),

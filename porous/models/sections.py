@@ -22,7 +22,8 @@ class Section(BaseModel):
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 Matrix = Annotated[tuple[Triple, Triple, Triple], Field(strict=False)]
-Digit = Annotated[tuple[int, int, int], Field(strict=False)]
+Place = Annotated[int, Field(ge=0, lt=digit_sets.LARGEST)]
+Digit = Annotated[tuple[Place, Place, Place], Field(strict=False)]
 
 
 class SizeSection(Section):
