@@ -177,6 +177,26 @@ RECIPES = {
         )
         for far in (1e17, 1e200, 1e308)
     },
+    "radius above all": (
+        BLOCK.format(cell="spline-2") + "size = 10\ndraw = { along = ['edges'], radius = 1e30 }\n",
+        r"draw\.radius: got 1e\+30 mm, but controls extend over 20 mm; wanted at most 10 times",
+    ),
+    "radius of a beam above all": (
+        BLOCK.format(cell="beam") + MENGER + "draw = { along = ['edges'], radius = 1e300 }\n",
+        r"draw\.radius: got 1e\+300 mm, but controls extend over 1 mm; .* 10 mm",
+    ),
+    "radius of a deeper level below zero": (
+        BLOCK.format(cell="beam") + MENGER + "draw = { along = ['edges'], radius = [1, 1, -1] }\n",
+        "draw: got a radius of -1",
+    ),
+    "offset above all": (
+        block(CORNERS, more="offset = 11\n"),
+        r"offset: got 11 mm, but controls extend over 1 mm; .* 10 mm",
+    ),
+    "contacts above all": (
+        block(CORNERS, more="contacts = 'fuse'\ncontact_radius = 1e9\n"),
+        r"contact_radius: got 1e\+09 mm",
+    ),
     "Takagi that does not contract": (tensor("curve = 'takagi', weight = -1.0"), "weight|edge"),
     "curves of a block": (block(CORNERS, more="curves = [{ curve = 'koch' }]\n"), "curves"),
     "a patch is no body": (tensor("curve = 'koch'", "curve = 'koch'"), "draw"),

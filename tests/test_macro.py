@@ -394,6 +394,28 @@ def test_cells_of_other_textures_are_refused_where_they_meet(tmp_path):
     assert recipe(tmp_path, **row, cell="hex-27", texture={"edge": 0.3}).counts[0] == 2 * 64 - 16
 
 
+def test_cells_have_the_level_of_their_neighbours(tmp_path):
+    row = in_a_row(3)
+    cells = row["cells"]
+    row["cells"] = [{"controls": cell, "level": 2} for cell in cells]
+    model = recipe(tmp_path, **row, level=1)
+    assert model.level == 2
+    assert model.counts[3] == 3 * 20**2
+    row["cells"][2]["level"] = 1
+    shared = ", ".join(map(str, sorted(set(cells[1]) & set(cells[2]))))
+    wanted = (
+        rf"cells: XMAX of cell 1 and XMIN of cell 2 are one face, of controls {shared}, but are "
+        "divided to levels 2 and 1; wanted the same level$"
+    )
+    with pytest.raises(ModelError, match=wanted) as caught:
+        recipe(tmp_path, **row)
+    assert "\n" not in str(caught.value)
+    # Those that say nothing have the level of all.
+    row["cells"] = [cells[0], {"controls": cells[1], "level": "limit"}, cells[2]]
+    with pytest.raises(ModelError, match=r"of cell 0 and .* levels 1 and limit"):
+        recipe(tmp_path, **row)
+
+
 def half_rings(bulge):
     """Return two cells that make a ring: they share both ends, and the ends of all arcs."""
     points, cells = meshes.Points(), []

@@ -42,6 +42,9 @@ BOX_TOLERANCE = 1e-3
 SMALLEST = 1e-30
 """Extents of controls below this, or above its inverse, are refused: their cubes are no numbers."""
 
+WIDEST = 10
+"""Radii and offsets above so many extents of the controls are slips: all shape is lost in them."""
+
 FLAT = 1e-6
 """A limit that is thinner than this part of its longest extent lies in a plane."""
 
@@ -60,7 +63,7 @@ def build(section: BCIFSSection, folder: Path) -> CellSystem | CellAttractor:
     given = system_of(section, folder)
     return bcifs(
         given.brep,
-        level=section.level,
+        level=section.levels()[0],
         controls=given.controls,
         cells=given.mesh,
         moves=section.moves,
@@ -157,6 +160,7 @@ def bcifs(
         bulk.scaled(scale) if bulk else None,
         macro,
     )
+    _check_radii(system, draw, offset, contact_radius)
     if start.dimension == 3 or macro:
         _check_level_zero(replace(system, level=0))
     if bulk is None and start.dimension < 3:
@@ -258,6 +262,22 @@ def _check_arguments(
             raise ModelError(f"{name}: got {value}; wanted a length above zero")
     if not 0 <= offset < np.inf:
         raise ModelError(f"offset: got {offset}; wanted a length, zero or more")
+
+
+def _check_radii(
+    system: CellSystem, draw: Sweep | None, offset: float, contact_radius: float | None
+) -> None:
+    """Raise ``ModelError`` for a ball in which the whole body would be lost."""
+    extent = float(np.ptp(positions(system.controls), axis=1).max())
+    radius = draw.radius if draw else None
+    balls = {"draw.radius": radius, "offset": offset, "contact_radius": contact_radius}
+    for name, value in balls.items():
+        if value is not None and value > WIDEST * extent:
+            raise ModelError(
+                f"{name}: got {value:g} {system.unit}, but controls extend over {extent:g} "
+                f"{system.unit}; wanted at most {WIDEST} times that, {WIDEST * extent:g} "
+                f"{system.unit}"
+            )
 
 
 def _check_level_zero(system: CellSystem) -> None:

@@ -11,8 +11,15 @@ from porous.errors import MeshError, ModelError, nearest
 from porous.formats import read
 from porous.models.automaton import DEEPEST
 from porous.models.builders import CurveSection, Options, Texture, build_cell, cell_names
-from porous.models.macro import MacroMesh, check_indices, of_hexahedra, with_middles
-from porous.models.macro_frames import Families, Hexahedron, assembled
+from porous.models.macro import (
+    MacroMesh,
+    Sharing,
+    check_indices,
+    check_macro,
+    of_hexahedra,
+    with_middles,
+)
+from porous.models.macro_frames import Assembly, Families, Hexahedron, assembled
 from porous.models.rational import columns
 from porous.models.sections import BoxSection, DigitsSection, Section
 from porous.models.states import StateSection, build_states
@@ -39,6 +46,7 @@ Control = Annotated[tuple[float, ...], Field(strict=False, min_length=3, max_len
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Contacts = Literal["apart", "fuse", "shared"]
 Level = int | Literal["limit"]
+Depth = Annotated[int, Field(ge=0, le=DEEPEST)] | Literal["limit"]
 Digits = DigitsSection | Annotated[tuple[DigitsSection, ...], Field(strict=False, min_length=1)]
 Curves = Annotated[tuple[CurveSection, ...], Field(strict=False, min_length=1, max_length=3)]
 Indices = Annotated[tuple[int, ...], Field(strict=False, min_length=1)]
@@ -94,6 +102,10 @@ class CellSection(Section):
     texture: Textures | None = Field(
         default=None, description="its own texture, or three for its lines along x, y and z"
     )
+    level: Depth | None = Field(
+        default=None,
+        description="how often it is divided; the same for all cells that hang together by faces",
+    )
 
 
 class BCIFSSection(Section):
@@ -105,9 +117,7 @@ class BCIFSSection(Section):
         default=None, description="tables of one's own states, in place of cell"
     )
     start: str | None = Field(default=None, description="the name of the level-0 cell's state")
-    level: Annotated[int, Field(ge=0, le=DEEPEST)] | Literal["limit"] = Field(
-        default=2, description='a whole number, zero or more, or "limit"'
-    )
+    level: Depth = Field(default=2, description='a whole number, zero or more, or "limit"')
     digits: Digits | None = Field(
         default=None,
         description="{ divisions = N, keep = a list or a name }; or a list of these, one for each "
@@ -223,9 +233,14 @@ class BCIFSSection(Section):
             return None
         given = self.draw.radius
         radii = given if isinstance(given, tuple) else (given,)
-        last = len(radii) - 1
-        level = last if self.level == "limit" else min(self.level, last)
-        return Sweep(self.draw.along, radii[level])
+        sweeps = [Sweep(self.draw.along, radius) for radius in radii]
+        level = self.levels()[0]
+        return sweeps[-1 if level == "limit" else min(level, len(radii) - 1)]
+
+    def levels(self) -> tuple[Level, ...]:
+        """Return how often each level-0 cell is divided, one number where none are listed."""
+        own = [c.level if isinstance(c, CellSection) else None for c in self.cells or (None,)]
+        return tuple(self.level if level is None else level for level in own)
 
 
 class System(NamedTuple):
@@ -272,7 +287,18 @@ def system_of(section: BCIFSSection, folder: Path) -> System:
     if section.cell == "hex-27":
         controls, lists = with_middles(controls, lists)
     found = assembled(section.cell, _hexahedra(section, lists))
+    _check_levels(section.levels(), found, controls)
     return System(found.brep, controls, found.mesh, found.digits)
+
+
+def _check_levels(levels: Sequence[Level], found: Assembly, controls: Floats) -> None:
+    """Raise ``ModelError`` for cells divided to other levels: those of a body are joined by faces.
+
+    Which face it is is looked for only then.
+    """
+    if len(set(levels)) > 1:
+        check_macro(found.brep, found.mesh, controls.shape[1])
+        Sharing(found.brep, found.mesh).check_levels(levels)
 
 
 def _read(path: Path) -> HexMesh:

@@ -177,6 +177,18 @@ class Sharing:
             if self.brep.states[s].dimension == 2
         ]
 
+    def check_levels(self, levels: Sequence[object]) -> None:
+        """Raise ``ModelError`` for a face of two cells that are divided to other levels."""
+        for _, face in self.faces():
+            one, *others = face.users
+            for other in others:
+                if levels[one.cell] != levels[other.cell]:
+                    raise ModelError(
+                        f"cells: {self.text(one)} and {self.text(other)} are one face, of controls "
+                        f"{', '.join(map(str, sorted(face.controls)))}, but are divided to levels "
+                        f"{levels[one.cell]} and {levels[other.cell]}; wanted the same level"
+                    )
+
     def closure(self, solution: Solution) -> Closure:
         """Return the closure for the orders in which these cells use their boundaries."""
         starts: dict[int, list[dict[Order, None]]] = {}
@@ -250,7 +262,7 @@ class Sharing:
         if kind != state:
             one, other = (self.brep.states[s] for s in (kind, state))
             pieces = len(one.children), len(other.children)
-            why = "by other textures, or on other levels"
+            why = "by other textures"
             if pieces[0] != pieces[1]:
                 why = f"into {pieces[0]} and {pieces[1]} pieces"
             raise ModelError(
