@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +11,16 @@ from naive_quotient import Quotient
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from porous.cli import main
 from porous.errors import ModelError, RecipeError
+from porous.guests import ccx
 from porous.measures import components, volume
 from porous.models.bcifs import bcifs
 from porous.models.closure import closure
 from porous.models.complex import cell_complex
 from porous.models.solve import solve
 from porous.models.tree import build, strut_radii, tree
-from porous.models.tree_cells import CONTROLS, TRUNK, tree_cells
+from porous.models.tree_cells import APEX, CONTROLS, TRUNK, tree_cells
 from porous.recipe import dump, parse
 from porous.stages import voxelize
 from porous.values import CENTRE, Box, Frame
@@ -241,8 +244,9 @@ def test_the_body_is_one_piece_of_the_volume_of_its_struts():
 
 
 def test_a_tree_that_does_not_branch_is_a_bar():
+    """Of round ends nothing is left: it is cut off flat in the root's plane and in the top's."""
     model = tree((2,), (0.5,), radius=0.2, level=0, controls=[*(2 * CONTROLS.T)])
-    expected = np.pi * 0.2**2 * 2 + 4 / 3 * np.pi * 0.2**3
+    expected = np.pi * 0.2**2 * 2
     found = [volume(voxelize(model, voxels=n)).value for n in (40, 160)]
     assert found[1] == pytest.approx(expected, rel=2e-3)
 
@@ -256,6 +260,50 @@ def test_a_plate_covers_the_top():
     assert not bare.sample(frame, CENTRE).all()
     assert model.smallest_feature() == pytest.approx(0.05)
     assert bare.smallest_feature() == pytest.approx(2 * 0.1 / 4)
+
+
+TURNS = [np.eye(3), np.diag([1, 1, -1]), np.roll(np.eye(3), 1, axis=0)]
+
+
+@pytest.mark.parametrize("turn", TURNS, ids=["upright", "hanging", "lying"])
+@pytest.mark.parametrize(("plate", "offset"), [(None, 0.0), (None, 0.05), (0.1, 0.0), (0.1, 0.05)])
+def test_it_is_cut_off_flat_where_it_stands_and_where_it_bears(turn, plate, offset):
+    controls = turn @ (np.array([[2.0], [3.0], [4.0]]) * CONTROLS)
+    model = tree((2,), (0.5,), radius=0.3, level=2, controls=controls.T, plate=plate, offset=offset)
+    root, top = controls[:, APEX], controls[:, :APEX].mean(axis=1)
+    axis = int(np.argmax(np.abs(top - root)))
+    thick = (plate / 2 + offset) if plate else 0.0
+    ends = sorted((root[axis], top[axis] + np.sign(top - root)[axis] * thick))
+    assert (model.domain.lower[axis], model.domain.upper[axis]) == pytest.approx(ends)
+    assert model.bulk == model.domain
+    ends, reach = struts(model)
+    assert reach.min() == pytest.approx(0.3 / 4 + offset)
+    for other in {0, 1, 2} - {axis}:
+        assert model.domain.lower[other] <= (ends[..., other].min(axis=1) - reach).min() + 1e-12
+        assert model.domain.upper[other] >= (ends[..., other].max(axis=1) + reach).max() - 1e-12
+
+
+@pytest.mark.parametrize("controls", [CONTROLS.T, CONTROLS.T + np.eye(5, 3, -2)])
+def test_a_tree_of_any_level_lies_in_one_box(controls):
+    boxes = {
+        (m.domain.lower, m.domain.upper)
+        for m in (tree(*SPEC, radius=0.1, level=k, controls=controls) for k in range(4))
+    }
+    assert len(boxes) == 1
+
+
+def test_a_sloping_top_is_not_cut():
+    controls = CONTROLS.T.copy()
+    controls[0, 2] = 1.5
+    model = tree((2,), (0.5,), radius=0.1, level=2, controls=controls)
+    assert model.domain.lower[2] == pytest.approx(-0.1)
+    assert model.domain.upper[2] > 1.5 - 1e-12
+
+
+def test_a_domain_is_in_the_units_of_controls():
+    half = Box((0, 0, 0), (1, 1, 0.5))
+    model = tree((2,), (0.5,), radius=1.0, size=24.0, domain=half)
+    assert model.domain.upper == model.bulk.upper == (24.0, 24.0, 12.0)
 
 
 def test_levels_that_can_be_printed():
@@ -273,17 +321,17 @@ def test_levels_that_can_be_printed():
 
 def test_struts_too_thin_to_print_are_refused_with_the_numbers():
     with pytest.raises(ModelError) as caught:
-        tree(*SPEC, radius=1.0, minimum_radius=0.15)
+        tree(*SPEC, size=24.0, radius=1.0, minimum_radius=0.15)
     text = str(caught.value)
     assert "struts of radius 0.08333 after 3 branchings" in text
     assert "minimum_radius is 0.15" in text
     assert "Wanted radius = 1.8 or more, or level = 2" in text
-    tree(*SPEC, radius=1.8, minimum_radius=0.15)
-    tree(*SPEC, radius=1.0, minimum_radius=0.15, level=2)
-    tree(*SPEC, radius=1.0, minimum_radius=0.15, offset=0.07)
-    tree(*SPEC, radius=1.0, minimum_radius=0.15, law="murray")
+    tree(*SPEC, size=24.0, radius=1.8, minimum_radius=0.15)
+    tree(*SPEC, size=24.0, radius=1.0, minimum_radius=0.15, level=2)
+    tree(*SPEC, size=24.0, radius=1.0, minimum_radius=0.15, offset=0.07)
+    tree(*SPEC, size=24.0, radius=1.0, minimum_radius=0.15, law="murray")
     with pytest.raises(ModelError, match=r"Wanted radius = 2 or more$"):
-        tree(*SPEC, radius=1.0, minimum_radius=2.0, level=0)
+        tree(*SPEC, size=24.0, radius=1.0, minimum_radius=2.0, level=0)
 
 
 @pytest.mark.parametrize(
@@ -300,6 +348,11 @@ def test_struts_too_thin_to_print_are_refused_with_the_numbers():
         ({"level": 33}, "level: got 33; wanted 0 … 32"),
         ({"minimum_radius": -1.0}, "minimum_radius: got -1.0; wanted zero or a length"),
         ({"plate": 0.0}, "thickness: got"),
+        ({"radius": 0.41}, "radius: got 0.41, of a first trunk 0.4 long; wanted that at most"),
+        ({"radius": 11.0, "size": 24.0}, "radius: got 11, of a first trunk 9.6 long; wanted"),
+        ({"radius": 1e9}, r"radius: got 1e\+09, of a first trunk 0.4 long; wanted"),
+        ({"plate": 1.0}, "plate: got 1, on a tree 1 from the root to the top; wanted less"),
+        ({"plate": 1e9, "size": 24.0}, r"plate: got 1e\+09, on a tree 24 from the root"),
         ({"controls": np.eye(3)}, r"controls: got shape \(3, 3\); wanted \(5, 3\)"),
         ({"controls": np.ones((5, 3))}, "controls: 0 and 1 coincide"),
     ],
@@ -352,3 +405,16 @@ def test_a_recipe_says_the_same_tree():
 def test_a_recipe_that_says_no_tree_is_refused(key, value):
     with pytest.raises(RecipeError, match=f"model.*{key}"):
         parse({"format": 1, "model": MODEL | {key: value}})
+
+
+@pytest.mark.judge
+@pytest.mark.slow
+def test_the_deck_of_the_tree_on_the_page_runs(judge, tmp_path):
+    page = Path(__file__).parent.parent / "docs" / "support-tree.md"
+    text = page.read_text(encoding="utf-8").split("```toml tree.toml\n")[1].split("```")[0]
+    (tmp_path / "tree.toml").write_text(text, encoding="utf-8")
+    assert main(["make", str(tmp_path / "tree.toml"), "-o", str(tmp_path / "made")]) == 0
+    deck = (tmp_path / "made" / "hexes.inp").read_bytes()
+    assert b"*STEP" in deck
+    solved = ccx.solve([deck], program=judge("ccx"))
+    assert solved.reaction[2] == pytest.approx(24.6**2, rel=0.02)

@@ -8,6 +8,8 @@ The matrices are those of cells with boundaries (``models.tree_cells``).
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from itertools import product
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -20,14 +22,15 @@ from porous.models.drawing import Drawing, sticks
 from porous.models.sections import BoxSection, Section, Triple
 from porous.models.solve import solve
 from porous.models.tree_cells import APEX, TRUNK, tree_cells
+from porous.values import Box
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
-    from porous.values import Box
+    Floats = NDArray[np.float64]
 
 KIND = "tree"
 
@@ -36,6 +39,9 @@ DEEPEST = 32
 
 THINNING = {"area": 1.0, "murray": 2 / 3}
 """Exponents e of radii r·N^−e of N × N branches: those that keep Σr², and those that keep Σr³."""
+
+LEVEL = 1e-12
+"""Differences that are none, as a part of a tree's size."""
 
 Law = Literal["area", "murray"]
 
@@ -85,18 +91,22 @@ class TreeSection(Section):
     size: float | None = Field(
         default=None,
         gt=0,
-        description="the length of the domain's longest edge before radii, above zero, in unit; "
-        "controls are in unit if left out",
+        description="the length of the longest edge of the domain, or of the controls' box where "
+        "none is given, above zero, in unit; controls are in unit if left out",
     )
     unit: Literal["nm", "um", "mm", "cm", "m", "in"] = Field(
         default="mm", description="nm, um, mm, cm, m or in"
     )
     offset: float = Field(default=0.0, ge=0, description="a length, zero or more, in unit")
     domain: BoxSection | None = Field(
-        default=None, description="{ lower = [x, y, z], upper = [x, y, z] } in model units"
+        default=None,
+        description="{ lower = [x, y, z], upper = [x, y, z] } as controls, before size scales "
+        "them; if left out, all of the tree from the root's plane to the top",
     )
     bulk: BoxSection | None = Field(
-        default=None, description="{ lower = [x, y, z], upper = [x, y, z] } in model units"
+        default=None,
+        description="{ lower = [x, y, z], upper = [x, y, z] } as controls, before size scales "
+        "them; the domain if left out",
     )
 
 
@@ -155,14 +165,20 @@ def tree(
     controls
         The top's corners (0, 0), (0, 1), (1, 0), (1, 1) and the root, (5, 3); those of the unit
         cube's top and the middle of its bottom where not given.
-    size, unit, offset, domain, bulk
+    size, unit, offset
         As of ``cifs``.
+    domain, bulk
+        Boxes in the units of ``controls``, before ``size`` scales them. Where no domain is given,
+        it holds the tree of any level; along an axis on which the top is level it begins in the
+        root's plane and ends in the top's, or in the plate's outer side, so that the body is cut
+        flat at both. The bulk is the domain where not given.
 
     Raises
     ------
     ModelError
         For branches, heights or lengths that cannot be; for struts thinner than
-        ``minimum_radius`` (says which level, what was got, and what would do); as ``cifs``.
+        ``minimum_radius`` (says which level, what was got, and what would do); for a trunk wider
+        or a plate thicker than the tree has room for; as ``cifs``.
     """
     if not 0 <= level <= DEEPEST:
         raise ModelError(f"level: got {level}; wanted 0 … {DEEPEST}")
@@ -174,7 +190,7 @@ def tree(
     drawn = {state.name: _leaf(radii, plate) for state in automaton.states if state.name != TRUNK}
     # The trunk of a cell is born a level later than the cell.
     drawn[TRUNK] = sticks(2, beams=[(0, 1)], radius=(radii[0], *radii))
-    return cifs(
+    model = cifs(
         automaton,
         drawn,
         level=level,
@@ -185,6 +201,65 @@ def tree(
         domain=domain,
         bulk=bulk,
     )
+    placed = model.automaton.states[model.automaton.start].controls
+    _check_room(placed, heights[0], radius, plate or 0.0)
+    if domain is not None:
+        return model
+    ends = list(_ends(placed, branches, heights, radii))
+    box = _cut(ends, placed, (plate or 0.0) / 2, offset)
+    return replace(model, domain=box, bulk=box if bulk is None else model.bulk)
+
+
+def _ends(
+    controls: Floats, branches: Sequence[int], heights: Sequence[float], radii: Sequence[float]
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield bounds on the struts of each level, drawn to their nodes and to their tops: two (3,).
+
+    Middles of the tops of a level are those of the parts of a bilinear face, which lie between
+    those of the parts in its corners.
+    """
+    top, count = controls[:, :APEX], 1
+    lower = upper = controls[:, APEX]
+    for level, radius in enumerate(radii):
+        share = heights[min(level, len(heights) - 1)]
+        outer = [
+            top @ np.outer((1 - u, u), (1 - v, v)).ravel()
+            for u, v in product((0.5 / count, 1 - 0.5 / count), repeat=2)
+        ]
+        low, high = np.min(outer, axis=0), np.max(outer, axis=0)
+        yield np.minimum(lower, low) - radius, np.maximum(upper, high) + radius
+        lower, upper = share * low + (1 - share) * lower, share * high + (1 - share) * upper
+        count *= branches[min(level, len(branches) - 1)]
+
+
+def _cut(
+    struts: Sequence[tuple[Floats, Floats]], controls: Floats, plate: float, offset: float
+) -> Box:
+    """Return the box of struts, and of a top of half a thickness, cut off flat at both ends."""
+    top, root = controls[:, :APEX], controls[:, APEX]
+    least, most = top.min(axis=1), top.max(axis=1)
+    lower = np.minimum(np.min([low for low, _ in struts], axis=0), least - plate) - offset
+    upper = np.maximum(np.max([high for _, high in struts], axis=0), most + plate) + offset
+    thick = plate + offset if plate else 0.0
+    level = np.ptp(top, axis=1) <= LEVEL * np.ptp(controls)
+    for axis in np.flatnonzero(level & (np.abs(least - root) > LEVEL * np.ptp(controls))):
+        out = np.sign(least[axis] - root[axis])
+        lower[axis], upper[axis] = sorted((root[axis], least[axis] + out * thick))
+    return Box(tuple(lower), tuple(upper))
+
+
+def _check_room(controls: Floats, height: float, radius: float, plate: float) -> None:
+    """Raise ``ModelError`` for a trunk wider than it is long, a plate thicker than the tree."""
+    whole = float(np.linalg.norm(controls[:, :APEX].mean(axis=1) - controls[:, APEX]))
+    if radius > height * whole:
+        raise ModelError(
+            f"radius: got {radius:g}, of a first trunk {height * whole:.6g} long; wanted that at "
+            "most"
+        )
+    if plate >= whole:
+        raise ModelError(
+            f"plate: got {plate:g}, on a tree {whole:.6g} from the root to the top; wanted less"
+        )
 
 
 def strut_radii(radius: float, branches: Sequence[int], law: Law) -> tuple[float, ...]:
