@@ -2,15 +2,20 @@
 
 import itertools
 import pickle
+import re
+import subprocess
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import macro_meshes as meshes
+import meshio
 import naive_elasticity
 import numpy as np
 import pytest
 
 import porous as po
+from porous.cli import main
 from porous.errors import ModelError, RecipeError
 from porous.formats import inp
 from porous.guests import ccx
@@ -523,11 +528,28 @@ def test_a_hollow_cylinder_is_the_same_in_other_frames():
 
 # --- meshes of others ----------------------------------------------------------------------
 
-HEXAHEDRON = [0, 4, 6, 2, 1, 5, 7, 3]
+VTK = [0, 4, 6, 2, 1, 5, 7, 3]
 """VTK's corners among those of a cell, x slowest and z fastest."""
 
 
-def part(tmp_path, name="part.vtu", corners=HEXAHEDRON):
+PART = """
+[model]
+kind   = "bcifs"
+cell   = "hex-8"
+level  = 1
+digits = {{ keep = "menger" }}
+mesh   = "{}"
+
+[voxels]
+voxels = 40
+
+[simulation]
+material = "ti-6al-4v"
+pressure = 2.5
+"""
+
+
+def part(tmp_path, name="part.vtu", corners=VTK):
     """Write the part of sixty-four cells, each in a frame of its own, as others do."""
     controls, cells = sixty_four(np.random.default_rng(16))
     block = Block("hex8", np.array(cells)[:, corners])
@@ -559,9 +581,105 @@ def test_a_folder_keeps_the_mesh_that_its_recipe_names(tmp_path):
     assert (tmp_path / "out" / "mesh.vtu").is_file()
 
 
+def barrel(rng):
+    """Return fifty-four curved cells between two planes, 3 × 3 × 6, their inner corners moved."""
+
+    def place(u):
+        x, y, z = u - (1.5, 1.5, 3)
+        wide, turn = 1.2 - 0.03 * z**2, 0.12 * z
+        moved = rng.uniform(-0.1, 0.1, 3) * (abs(x) < 1 and abs(y) < 1 and abs(z) < 3)
+        c, s = np.cos(turn), np.sin(turn)
+        return np.array([wide * (c * x - s * y), wide * (s * x + c * y), 1.3 * z]) + moved
+
+    spots = {u: place(np.array(u)) for u in itertools.product(range(4), range(4), range(7))}
+    return meshes.grid((3, 3, 6), 2, lambda u: spots[tuple(u.astype(int).tolist())])
+
+
+def gauss(points, lower, upper):
+    """Return the volumes of boxes of trilinear cells (…, 8, 3), by two points along each axis.
+
+    That is exact: the Jacobian of a trilinear cell is of degree two in each coordinate.
+    """
+    total = 0.0
+    for t in itertools.product((0.5 - 12**-0.5, 0.5 + 12**-0.5), repeat=3):
+        u = lower + (upper - lower) * np.array(t)
+        rows = np.stack([1 - u, u], axis=-1)
+        rates = np.broadcast_to([-1.0, 1.0], (*rows.shape[:-2], 2))
+        jacobian = [
+            np.einsum(
+                "...i,...j,...k,...ijkd->...d",
+                *(rates if a == axis else rows[..., a, :] for a in range(3)),
+                points.reshape(*points.shape[:-2], 2, 2, 2, 3),
+            )
+            for axis in range(3)
+        ]
+        total += np.linalg.det(np.stack(jacobian, axis=-1)) / 8
+    return total * np.prod(upper - lower, axis=-1)
+
+
+QUADS = [[0, 4, 7, 3], [1, 2, 6, 5], [0, 1, 5, 4], [3, 7, 6, 2], [0, 3, 2, 1], [4, 5, 6, 7]]
+"""The faces of VTK's hexahedron, counter-clockwise from outside."""
+
+
+@pytest.mark.judge
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["vtu", "gmsh", "gmsh22"])
+def test_a_coarse_mesh_of_others_is_filled_and_runs(kind, tmp_path, monkeypatch, judge):
+    rng = np.random.default_rng(17)
+    controls, cells = barrel(rng)
+    assert len(cells) == 54
+    # Gmsh wants right-handed cells; those of VTK are turned and mirrored in all 48 ways.
+    frames = [f for f in meshes.FRAMES if kind == "vtu" or is_right_handed(f)]
+    written = np.array([meshes.relabelled(c, frames[rng.integers(len(frames))]) for c in cells])
+    order = rng.permutation(controls.shape[1])
+    coarse = meshio.Mesh(controls.T[order], [("hexahedron", np.argsort(order)[written][:, VTK])])
+    monkeypatch.chdir(tmp_path)
+    name = "part.vtu" if kind == "vtu" else "part.msh"
+    meshio.write(name, coarse, file_format=kind)
+    (tmp_path / "part.toml").write_text(PART.format(name))
+    assert main(["make", "part.toml", "-o", "out"]) == 0
+
+    made = meshio.read("out/cells.vtu")
+    assert [block.type for block in made.cells] == ["hexahedron"]
+    hexahedra = made.cells[0].data
+    assert len(hexahedra) == 54 * 20
+    parents = controls.T[np.array(cells)]
+    kept = MENGER[0].keep / 3
+    volume = sum(gauss(parents, lower, lower + 1 / 3).sum() for lower in kept)
+    lowest, highest = np.zeros(3), np.ones(3)
+    volumes = gauss(made.points[hexahedra][:, np.argsort(VTK)], lowest, highest)
+    assert volumes.sum() == pytest.approx(volume, rel=1e-12)
+    assert (volumes > 0).all()
+    assert distinct(made.points) == len(made.points)
+
+    quads = hexahedra[:, QUADS].reshape(-1, 4)
+    _, first, count = np.unique(
+        np.sort(quads, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    assert set(count) == {1, 2}
+    skin = quads[first[count == 1]]
+    edges = np.stack([skin, np.roll(skin, -1, axis=1)], axis=-1).reshape(-1, 2)
+    assert set(np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)[1]) == {2}
+    assert len(np.unique(edges, axis=0)) == len(edges)
+
+    subprocess.run([judge("ccx"), "-i", "out/cells"], check=True, capture_output=True)
+    said = Path("out/cells.dat").read_text()
+    force = np.array(re.search(r"total force.*?\n\s*\n" + 3 * r"\s*(\S+)", said).groups(), float)
+    corners = made.points[skin]
+    top = corners[(corners[..., 2] > 3.9 - 1e-9).all(axis=1)]
+    ways = top[:, 2] - top[:, 0], top[:, 3] - top[:, 1]
+    load = 2.5 * np.cross(*ways)[:, 2].sum() / 2
+    assert force == pytest.approx([0, 0, load], abs=1e-5 * load)
+
+
+def is_right_handed(frame):
+    order, flips = frame
+    return np.linalg.det(np.eye(3)[list(order)]) * (-1) ** sum(flips) > 0
+
+
 def test_meshes_that_are_none_are_refused(tmp_path):
     part(tmp_path)
-    part(tmp_path, "turned.vtu", [4, 0, *HEXAHEDRON[2:]])
+    part(tmp_path, "turned.vtu", [4, 0, *VTK[2:]])
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     po.write(VolumeMesh(points, (Block("tet4", np.array([[0, 1, 2, 3]])),)), tmp_path / "tet.vtu")
     po.write(
