@@ -8,6 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from naive_elasticity import loaded
+from stepped import crossings
 
 import porous as po
 from porous.errors import GridError, MeshError, ModelError, RecipeError
@@ -708,3 +709,48 @@ def test_values_are_warped_by_homeomorphisms_only(offsets, says):
     for warp, value in ((po.warp_grid, torus_grid(8)), (po.warp_mesh, grid_mesh((2, 2, 2)))):
         with pytest.raises(ModelError, match=says):
             warp(value, offsets)
+
+
+def slab(count, low, high):
+    """Points and cells of count × count × 1 hexahedra between two heights of the unit cube."""
+    side = np.arange(count + 1) / count
+    points = np.stack(np.meshgrid(side, side, (low, high), indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(len(points)).reshape(count + 1, count + 1, 2)
+    cells = [
+        [number[i + a, j + b, c] for c in (0, 1) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        for i, j in itertools.product(range(count), repeat=2)
+    ]
+    return points, np.array(cells)
+
+
+def sides(points, cells):
+    """The six sides of every hexahedron, as fans of four triangles about their means."""
+    local = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    quads = cells[:, local].reshape(-1, 4)
+    hubs = len(points) + np.arange(len(quads))
+    fans = [np.column_stack([quads[:, i], quads[:, (i + 1) % 4], hubs]) for i in range(4)]
+    return po.SurfaceMesh(np.vstack([points, points[quads].mean(axis=1)]), np.concatenate(fans))
+
+
+def test_cells_beside_each_other_do_not_run_through_each_other():
+    """Two slabs with a narrow gap, divided differently: no cell folds, but they may meet."""
+    (below, first), (above, second) = slab(1, 0, 0.39), slab(3, 0.41, 1)
+    points, cells = np.vstack([below, above]), np.vstack([first, second + len(below)])
+    both = po.VolumeMesh(points, (Block("hex8", cells),))
+    refused, passed = 0, 0
+    for seed in range(40):
+        try:
+            bent = po.warp_mesh(both, random_offsets(0.15, seed))
+        except MeshError as error:
+            refused += "the body would cross itself" in str(error)
+            continue
+        passed += 1
+        apart = [sides(bent.points, part) for part in (cells[:1], cells[1:])]
+        joined = po.SurfaceMesh(
+            np.vstack([s.points for s in apart]),
+            np.vstack([apart[0].triangles, apart[1].triangles + len(apart[0].points)]),
+        )
+        alone = sum(map(crossings, apart))
+        assert crossings(joined) == alone
+    assert refused > 0
+    assert passed > 0

@@ -15,6 +15,7 @@ from porous.stages._altered import check_manifold, pieces_of, volumes_of
 from porous.values import FILL, Box, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.value import adopted
 from porous.values.volume_mesh import ADDRESS
+from porous.values.volume_topology import boundary_faces, nodes_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -159,9 +160,9 @@ def warp_mesh(mesh: Mesh, offsets: Offsets, *, box: Box | None = None) -> Mesh:
         As ``warp``.
     MeshError
         For a surface that is not a closed 2-manifold; points outside the box; where a triangle
-        would cross another, a piece of surface be turned inside out or a cell be turned over or
-        folded (names it): the finer the mesh the more it sees of h, which stretches and shears
-        without bound.
+        would cross another, parts of a body of cells cross each other, a piece of surface be
+        turned inside out or a cell be turned over or folded (names it): the finer the mesh the more
+        it sees of h, which stretches and shears without bound.
     """
     bend = homeomorphism(offsets)
     if isinstance(mesh, SurfaceMesh):
@@ -173,6 +174,7 @@ def warp_mesh(mesh: Mesh, offsets: Offsets, *, box: Box | None = None) -> Mesh:
     tags = {name: tag for name, tag in mesh.cell_tags.items() if name != ADDRESS}
     bent = replace(mesh, points=_pushed(mesh.points, bend, box), cell_tags=tags)
     _check_cells(bent)
+    _check_apart(mesh, bent)
     return bent
 
 
@@ -192,13 +194,42 @@ def _pushed(points: Floats, bend: Homeomorphism, box: Box | None) -> Floats:
     return np.where(places == 1, upper, lower + places * lengths)
 
 
-def _check_surface(before: SurfaceMesh, after: SurfaceMesh) -> None:
-    """Raise ``MeshError`` where a triangle crosses another, or a piece is turned inside out."""
+def _check_apart(before: VolumeMesh, after: VolumeMesh) -> None:
+    """Raise ``MeshError`` where parts of the body that lie beside each other would cross."""
+    members = boundary_faces(before)
+    skins = [_fanned(mesh.points, nodes_of(mesh, members)) for mesh in (before, after)]
+    crossed = _crossed(*skins)
+    if crossed.any():
+        first = int(np.argmax(crossed))
+        raise MeshError(
+            f"warp_mesh: the body would cross itself {_near(skins[1].corners[first])}, where cells "
+            f"lie beside each other; {AGAIN}"
+        )
+
+
+def _fanned(points: Floats, faces: NDArray[np.int64]) -> SurfaceMesh:
+    """Return faces (n, 4) as fans about their means; triangles have −1 for their last node."""
+    last = np.where(faces < 0, faces[:, 2:3], faces)
+    means = points[last].mean(axis=1)
+    hubs = len(points) + np.arange(len(faces))
+    fan = [np.column_stack([last[:, i], last[:, (i + 1) % 4], hubs]) for i in range(4)]
+    triangles = np.concatenate(fan)
+    return SurfaceMesh(np.vstack([points, means]), triangles[triangles[:, 0] != triangles[:, 1]])
+
+
+def _crossed(before: SurfaceMesh, after: SurfaceMesh) -> NDArray[np.bool_]:
+    """Return which triangles cross or touch others that have not done so before."""
     from porous.kernels.crossings import crossing
 
-    crossed = crossing(after.points, after.triangles)
+    crossed = np.asarray(crossing(after.points, after.triangles))
     if crossed.any():
-        crossed &= ~crossing(before.points, before.triangles)
+        crossed = crossed & ~np.asarray(crossing(before.points, before.triangles))
+    return crossed
+
+
+def _check_surface(before: SurfaceMesh, after: SurfaceMesh) -> None:
+    """Raise ``MeshError`` where a triangle crosses another, or a piece is turned inside out."""
+    crossed = _crossed(before, after)
     if crossed.any():
         first = int(np.argmax(crossed))
         raise MeshError(
