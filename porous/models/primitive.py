@@ -175,10 +175,19 @@ def named(name: str) -> Primitive:
     return Primitive(name, corners, _hull_triangles(corners), convex=True)
 
 
-def of_surface(surface: SurfaceMesh, name: str = "mesh") -> Primitive:
+def of_surface(surface: SurfaceMesh, name: str = "mesh", *, touching: bool = False) -> Primitive:
     """Return the solid that a closed surface encloses; it need not be convex.
 
     Points with the same coordinates are taken as one, as STL files need.
+
+    Parameters
+    ----------
+    surface
+        Closed, its triangles counter-clockwise seen from outside.
+    name
+        What the solid is called.
+    touching
+        Whether parts of the solid may touch along edges, which are of four triangles then.
 
     Raises
     ------
@@ -189,7 +198,7 @@ def of_surface(surface: SurfaceMesh, name: str = "mesh") -> Primitive:
     welded = _welded(surface)
     check_closed(welded)
     found = defects(welded)
-    if found.nonmanifold_edges:
+    if found.nonmanifold_edges and not touching:
         raise MeshError(
             f"surface: {found.nonmanifold_edges} edges of more than two triangles, the first near "
             f"{found.first}; wanted a manifold surface"
