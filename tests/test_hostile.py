@@ -775,6 +775,14 @@ INP = {
     "a card of 1 MB": (b"*" + b"x" * 10**6 + inp(), is_a_brick),
     "a card of many lines": (b"*NODE,\n" + b"a,\n" * 10**5, "a card of more than 4096 char"),
     "a word of 1 MB": (inp().replace(b"5.0", b"5" * 10**6), "NODE: got a word of more than 64"),
+    "a card without lines": (
+        b"*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D8\n** none\n",
+        "no volume elements",
+    ),
+    "an element that became a card": (
+        inp() + b"*2,5,6,7,8,9,10,11,12\n",
+        r"card: got '[*]2'; wanted a keyword",
+    ),
     "nothing but stars": (b"*\n" * 30_000, "no volume elements"),
     "nothing but comments": (b"**\n" * 10**5, "no volume elements"),
     "a null byte": (inp().replace(b"5.0", b"5.0 \0", 1), "NODE: got '.x00'; wanted a number"),

@@ -45,7 +45,9 @@ class Draft:
         self.points.append(points)
 
     def add_cells(self, shape: str, nodes: NDArray[np.int64]) -> None:
-        """Add cells, of whose nodes those of the shape come first."""
+        """Add cells, of whose nodes those of the shape come first; none of a card without lines."""
+        if not len(nodes):
+            return
         count = SHAPES[shape].nodes
         self.bent += len(nodes) * (nodes.shape[1] > count)
         self.cells.setdefault(shape, []).append(nodes[:, :count])

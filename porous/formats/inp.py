@@ -80,6 +80,8 @@ def read(source: Source) -> VolumeMesh:
     nodes: list[bytes] = []
     elements: dict[str, list[bytes]] = {}
     for keyword, options, body in _cards(source.data):
+        if keyword and not keyword[0].isalpha():
+            refuse("card", f"*{keyword[:20]}", "a keyword that begins with a letter")
         if keyword in ELSEWHERE:
             refuse("card", f"*{keyword}", ELSEWHERE[keyword])
         if keyword in ("NODE", "ELEMENT"):
