@@ -375,3 +375,24 @@ def test_levels_too_deep_for_memory_are_refused_at_once():
     with pytest.raises(po.MemoryLimitError, match="68719476736 cells"):
         _ = model.bulk_volume
     assert model.counts[3] == 8**12
+
+
+@pytest.mark.parametrize(
+    ("more", "served", "refused"),
+    [
+        ({"level": 2}, 2.0**14, 1e8),
+        ({"level": 2, "offset": 0.125}, 2.0**14, 1e8),
+        ({"level": "limit"}, 2.0**26, 5e11),
+    ],
+)
+def test_cells_far_from_the_origin_have_the_same_voxels_or_none(more, served, refused):
+    near, far = (
+        po.voxelize(hexa("even-parity", controls=CUBE + shift, **more), voxels=16, sampling="cover")
+        for shift in (0.0, served)
+    )
+    assert near.fill.any()
+    assert np.array_equal(near.fill, far.fill)
+    with pytest.raises(ModelError, match="origin"):
+        po.voxelize(
+            hexa("even-parity", controls=CUBE + refused, **more), voxels=16, sampling="cover"
+        )

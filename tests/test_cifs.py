@@ -728,3 +728,65 @@ def test_systems_of_other_controls_have_measures_but_no_ratios():
     # Its limit is the plate at the top: four halves of a layer, whatever the start makes of it.
     assert rows["similarity_dimension"].value == pytest.approx(2, abs=1e-12)
     assert (rows["smallest_feature"].value, rows["smallest_feature"].kind) == (0.06, "bound")
+
+
+# --- far from the origin -----------------------------------------------------------------------
+
+
+def far_away(controls, matrices, shift, level):
+    """Return a system of one state whose controls and domain are moved along all axes."""
+    lower, upper = controls.min(axis=1) + shift, controls.max(axis=1) + shift
+    links = tuple(Transition(0, 0, matrix) for matrix in matrices)
+    return cifs(
+        Automaton((State("cell", controls + shift),), links),
+        ["cell"] if level != "limit" or controls.shape[1] == 4 else ["none"],
+        level=level,
+        domain=Box(tuple(lower), tuple(upper)),
+    )
+
+
+HALVES = [(np.eye(4) + np.eye(4)[:, [k] * 4]) / 2 for k in range(4)]
+MIXED = [0.5 * np.eye(6) + 0.5 * np.eye(6)[:, [k] * 6] for k in range(6)]
+SIX = np.hstack([np.eye(3), -np.eye(3)])
+
+
+@pytest.mark.parametrize(
+    ("controls", "matrices", "level", "served", "refused"),
+    [
+        (FRAME, HALVES, "limit", 2.0**18, (2.0**24, 2.0**28, 1e8)),
+        (FRAME, HALVES, 2, 2.0**6, (1e6, 1e12)),
+        (SIX, MIXED, "limit", 2.0**30, (2.0**40, 1e14)),
+    ],
+)
+def test_bodies_far_from_the_origin_have_the_same_voxels_or_none(
+    controls, matrices, level, served, refused
+):
+    near, far = (
+        voxelize(far_away(controls, matrices, shift, level), voxels=16, sampling="cover")
+        for shift in (0.0, served)
+    )
+    assert near.fill.any()
+    assert np.array_equal(near.fill, far.fill)
+    for shift in refused:
+        with pytest.raises(ModelError, match="nearer to the origin"):
+            voxelize(far_away(controls, matrices, shift, level), voxels=16, sampling="cover")
+
+
+def test_maps_of_controls_far_away_keep_their_matrices():
+    shift = np.array([[1e9], [-3e8], [7e7]])
+    moved = [
+        Automaton((State("cell", FRAME + to),), tuple(Transition(0, 0, m) for m in HALVES))
+        for to in (0.0, shift)
+    ]
+    near, far = (made.maps for made in moved)
+    assert np.abs(far[:, :, :3] - near[:, :, :3]).max() < 1e-15
+    fixed = far[:, :, :3] @ shift + far[:, :, 3:] - shift
+    assert np.abs(fixed - near[:, :, 3:]).max() < 1e-6
+
+
+@pytest.mark.parametrize("level", [2, "limit"])
+def test_controls_with_weights_are_refused_in_the_users_words(level):
+    weighted = State("cell", np.vstack([SIX, np.ones(6)]))
+    automaton = Automaton((weighted,), tuple(Transition(0, 0, matrix) for matrix in MIXED))
+    with pytest.raises(ModelError, match=r"states\.cell: got controls of shape \(4, 6\)"):
+        cifs(automaton, ["cell"], level=level, domain=UNIT)

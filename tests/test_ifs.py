@@ -3,6 +3,7 @@
 import itertools
 import math
 import pickle
+import re
 import tomllib
 
 import naive_oracle as naive
@@ -543,16 +544,27 @@ def test_a_body_far_away_is_the_same_or_refused():
         assert int(po.voxelize(moved(shift), voxels=40).fill.sum()) == pytest.approx(
             volume, rel=1e-3
         )
-    for sampling in ("fill", "cover"):
-        with pytest.raises(ModelError, match=r"lies at coordinates up to 1e\+13 mm"):
-            po.voxelize(moved(1e13), voxels=40, sampling=sampling)
+    # Samples may be off by a sixteenth of a voxel; covers are certain, or there are none.
+    for sampling, shift, told in (("fill", 1e13, "e+13"), ("cover", 1.3e8, "e+08")):
+        with pytest.raises(ModelError, match=r"lies at coordinates up to 1\.\d+" + re.escape(told)):
+            po.voxelize(moved(shift), voxels=40, sampling=sampling)
     # An automaton whose controls are the unit axes loses digits of its matrices far away.
-    maps = [(np.eye(3) / 2, np.full(3, 1e6) + corner) for corner in np.eye(3)]
-    place = Box((2e6,) * 3, (2e6 + 2, 2e6 + 2, 2e6 + 2))
+    maps = [(np.eye(3) / 2, np.full(3, 1e5) + corner) for corner in np.eye(3)]
+    place = Box((2e5,) * 3, (2e5 + 2, 2e5 + 2, 2e5 + 2))
     assert po.voxelize(ifs(maps, level="limit", domain=place), voxels=9, sampling="cover")
     far = ifs(of_maps(maps), level="limit", domain=place)
-    with pytest.raises(ModelError, match="lost in rounding"):
+    with pytest.raises(ModelError, match="rounding may move it"):
         po.voxelize(far, voxels=9, sampling="cover")
+
+
+@pytest.mark.parametrize("width", [1e-13, 1e-18])
+def test_a_zoom_deeper_than_numbers_reach_is_refused(width):
+    """Rounding is that of the body, not of the window near the origin that is looked at."""
+    end = np.array([0.9, 0.7, 0.3])
+    maps = [(np.eye(3) * 0.6, 0.4 * end), (np.eye(3) * 0.6, -0.4 * end)]
+    made = ifs(maps, level="limit", domain=Box((-width,) * 3, (width,) * 3))
+    with pytest.raises(ModelError, match="rounding may move it"):
+        po.voxelize(made, voxels=8, sampling="cover")
 
 
 @pytest.mark.parametrize("level", [2, 4, "limit"])
@@ -561,7 +573,7 @@ def test_a_shift_by_a_power_of_two_leaves_the_same_bytes(level, turn):
     corners = np.array([[0, 0, 0], [1, 0, 0.5], [0.25, 1, 0], [0, 0.5, 1]])
     solid = primitives.named("octahedron")
     found = []
-    for step in (0.0, 2.0**20):
+    for step in (0.0, 2.0**14):
         shift = step * np.array([1, -1, 0.5])
         maps = [(turn / 2, b / 2 + shift - turn @ shift / 2) for b in corners]
         lower, upper = shift - [1, 1.5, 1], shift + np.array([2, 1.5, 2])
@@ -577,7 +589,7 @@ def test_a_shift_by_a_power_of_two_leaves_the_same_bytes(level, turn):
         assert bound == other
 
 
-@pytest.mark.parametrize("far", [1234.5, 1.1e5, 1.3e8])
+@pytest.mark.parametrize("far", [1234.5, 1.1e4, 1.1e5])
 def test_covers_far_away_hold_the_body_within_their_bound(far):
     here, made = moved(0.0), moved(far)
     placed = here.frames()
@@ -586,7 +598,6 @@ def test_covers_far_away_hold_the_body_within_their_bound(far):
     near, grid = (po.voxelize(m, voxels=30, sampling="cover") for m in (here, made))
     assert grid.fill.shape == near.fill.shape
     shift = np.array(made.domain.lower) - here.domain.lower
-    # A few thousandths of a voxel is what 1e8 coordinates leave of one.
     spacing, doubt = np.array(grid.frame.spacing), 1e-13 * far / min(grid.frame.spacing) + 1e-9
     held = np.zeros(len(corners), bool)
     for nudge in itertools.product((-doubt, doubt), repeat=3):

@@ -71,6 +71,11 @@ class State(Value):
             return None
         return np.asarray(np.linalg.inv(lifted))
 
+    @cached_property
+    def local_inverse(self) -> NDArray[np.float64]:
+        """``inverse`` with the first control as the origin: keeps digits that it loses far away."""
+        return np.linalg.inv(np.vstack([self.controls - self.controls[:, :1], np.ones(4)]))
+
     def _content(self) -> tuple[object, ...]:
         return self.name, self.controls
 
@@ -187,13 +192,18 @@ class Automaton(Value):
         return np.stack([self._map(t) for t in self.transitions])
 
     def _map(self, transition: Transition) -> NDArray[np.float64]:
-        inverse = self.states[transition.target].inverse
-        if inverse is None:
+        source, target = self.states[transition.source], self.states[transition.target]
+        if target.inverse is None:
             raise ModelError(
-                f"state {self.states[transition.target].name!r} has no four independent controls: "
-                "its cells are no affine images of space"
+                f"state {target.name!r} has no four independent controls: its cells are no affine "
+                "images of space"
             )
-        return product(product(self.states[transition.source].controls, transition.matrix), inverse)
+        # From first control to first control: matrices far from the origin keep their digits.
+        images = product(source.controls - source.controls[:, :1], transition.matrix)
+        result = product(images, target.local_inverse)
+        shift = source.controls[:, :1] - product(result[:, :3], target.controls[:, :1])
+        result[:, 3] += shift[:, 0]
+        return result
 
     def scaled(self, factor: float) -> Automaton:
         """Return the same automaton with its controls ``factor`` times as far from the origin."""

@@ -13,6 +13,7 @@ from porous.models.cell_folds import corner_weights
 from porous.models.cell_shapes import COLLAPSED
 from porous.models.drawing import Drawing, nothing
 from porous.models.net import net_error
+from porous.models.reach import Reach, cells_reach
 from porous.values.units import check_unit
 from porous.values.value import Value
 
@@ -107,13 +108,20 @@ class CellAttractor(Value):
         ModelError
             For a limit without offset: no sample point lies in a set without volume.
         """
+        self._reach.check(frame, certain=False)
         return sample_cells(
             self.automaton, frame, pattern, drawings=self.drawings, offset=self.offset
         )
 
     def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
         """Return marks of every voxel that the body touches, and a Hausdorff bound."""
+        self._reach.check(frame, certain=False)
         return cover_cells(self.automaton, frame, drawings=self.drawings, offset=self.offset)
+
+    @cached_property
+    def _reach(self) -> Reach:
+        roots = [group.points for group in self.automaton.level_zero]
+        return cells_reach(self.automaton, roots, self.domain)
 
     @cached_property
     def drawings(self) -> tuple[Drawing, ...]:

@@ -95,6 +95,7 @@ class CellBody(CellSystem):
 
     def sample(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
         """Return the mask of each voxel: bit r·C + c where the pattern's point lies in a cell."""
+        self.reach.check(frame, certain=False)
         return self.solid.sample(frame, pattern)
 
     def check_membership(self) -> None:
@@ -112,6 +113,7 @@ class CellBody(CellSystem):
 
     def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
         """Return marks of every voxel that a cell touches, and a Hausdorff bound."""
+        self.reach.check(frame, certain=True)
         return self.solid.cover(frame)
 
     def smallest_feature(self) -> float | None:

@@ -30,6 +30,7 @@ from porous.models.counts import counts
 from porous.models.macro import MacroMesh, Sharing, automaton_of, check_macro
 from porous.models.macro_places import side_names
 from porous.models.rational import ROWS, positions
+from porous.models.reach import Reach, cells_reach
 from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value, frozen
@@ -159,6 +160,11 @@ class CellSystem(Value):
             for group, own in zip(self.complex.cells, corners, strict=True)
         ]
 
+    @cached_property
+    def reach(self) -> Reach:
+        """How far from the origin the cells of the level reach."""
+        return cells_reach(self.automaton, [self.places[0].T], self.domain)
+
     @property
     def counts(self) -> tuple[int, int, int, int]:
         """Vertices, edges, faces and cells of the closed complex of the level, whole numbers.
@@ -210,7 +216,9 @@ class CellSystem(Value):
         from porous.models.pieces import Pieces
 
         if self.bulk_box is None:
-            solid, place = primitive.of_surface(self.bulk_surface), np.eye(3, 4)
+            # Cells that hang together by faces may touch along an edge besides.
+            solid = primitive.of_surface(self.bulk_surface, touching=True)
+            place = np.eye(3, 4)
         else:
             solid = primitive.named("cube")
             lower, lengths = np.array(self.bulk_box.lower), np.array(self.bulk_box.lengths)

@@ -32,6 +32,8 @@ from porous.models.distinct import count_distinct, distinct_cells
 from porous.models.drawing import Body, Drawing, body, drawn_as
 from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import MOST_CELLS
+from porous.models.rational import is_rational
+from porous.models.reach import Reach, attractor_reach, cells_reach
 from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value
@@ -150,6 +152,7 @@ class CIFS(Value):
         ModelError
             For an attractor without offset: no sample point lies in a set without volume.
         """
+        self._reach.check(frame, certain=self._moves_space and self.level == "limit")
         if self.level != "limit":
             return self.body.sample(frame, pattern)
         if self._moves_space:
@@ -166,6 +169,7 @@ class CIFS(Value):
 
     def cover(self, frame: Frame) -> tuple[NDArray[np.unsignedinteger[Any]], float]:
         """Return marks of every voxel that the body touches, and a Hausdorff bound."""
+        self._reach.check(frame, certain=self._moves_space or self.level != "limit")
         if self.level != "limit":
             return self.body.cover(frame)
         if self._moves_space:
@@ -175,6 +179,17 @@ class CIFS(Value):
         from porous.models.cell_cover import cover_cells
 
         return cover_cells(self.automaton, frame, drawings=self.drawings, offset=self.offset)
+
+    @cached_property
+    def _reach(self) -> Reach:
+        """How far the body reaches; boxes of limits with control points hold their rounding."""
+        if self.level != "limit":
+            drawn = [(d.primitive.box, d.inverse) for d in self.drawings if d.primitive is not None]
+            return cells_reach(self.automaton, [g.points for g in self.cells], self.domain, drawn)
+        if self._moves_space:
+            return attractor_reach(self.automaton, self.attractor_balls, self.domain)
+        roots = [group.points for group in self.automaton.level_zero]
+        return cells_reach(self.automaton, roots, self.domain)
 
     @property
     def _moves_space(self) -> bool:
@@ -354,8 +369,14 @@ def cifs(
     Raises
     ------
     ModelError
-        As ``build``.
+        As ``build``; and for controls with weights.
     """
+    for state in automaton.states:
+        if is_rational(state.controls):
+            raise ModelError(
+                f"states.{state.name}: got controls of shape {state.controls.shape}, with weights; "
+                f"wanted (3, {state.size}), or cells with boundaries (bcifs), which take weights"
+            )
     drawn = _drawings(automaton, drawings)
     automaton = automaton if controls is None else _moved(automaton, controls)
     _check_level(automaton, drawn, level, float(offset))

@@ -16,20 +16,14 @@ from pydantic import Field, model_validator
 from porous.errors import MeshError, ModelError, nearest
 from porous.models import digits as digit_sets
 from porous.models import primitive as primitives
-from porous.models.automaton import (
-    DEEPEST,
-    Automaton,
-    Cells,
-    checked_map,
-    frames,
-    of_maps,
-)
+from porous.models.automaton import DEEPEST, Automaton, Cells, checked_map, frames, of_maps
 from porous.models.contraction import check_contracts
 from porous.models.digits import DigitSet
 from porous.models.distinct import cut_set, distinct_cells
 from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import least_shrinkage, narrowest_run, thinnest
 from porous.models.primitive import Primitive
+from porous.models.reach import Reach, attractor_reach, cells_reach
 from porous.models.sections import (
     BoxSection,
     DigitsSection,
@@ -207,7 +201,7 @@ class IFS(Value):
                     "the attractor has no volume, so no sample point lies in it; "
                     'wanted an offset, sampling = "cover", or a level'
                 )
-            self._check_place(frame)
+            self._reach.check(frame, certain=True)
             return rasterise.sample_attractor(
                 self.automaton, self.attractor_balls, frame, pattern, offset=self.offset
             )
@@ -216,14 +210,15 @@ class IFS(Value):
             return rasterise.sample_digits(
                 self.plain_digits, self.level, self.primitive.box, frame, pattern
             )
-        self._check_place(frame)
+        self._reach.check(frame, certain=False)
         return self.pieces.sample(frame, pattern)
 
-    def _check_place(self, frame: Frame) -> None:
-        from porous.models.rasterise import check_place
-
-        size = float(np.ptp(self.automaton.states[self.automaton.start].controls))
-        check_place(self.domain, frame, size, 1 if self.level == "limit" else 2)
+    @cached_property
+    def _reach(self) -> Reach:
+        if self.level == "limit":
+            return attractor_reach(self.automaton, self.attractor_balls, self.domain)
+        drawn = [(self.primitive.box, state.inverse) for state in self.automaton.states]
+        return cells_reach(self.automaton, [g.points for g in self.cells], self.domain, drawn)
 
     def check_membership(self) -> None:
         """Raise ``ModelError`` for attractors and grown bodies, known on lattices alone."""
@@ -269,7 +264,7 @@ class IFS(Value):
         """Return marks of every voxel that the body touches, and a Hausdorff bound."""
         from porous.models import rasterise
 
-        self._check_place(frame)
+        self._reach.check(frame, certain=True)
         if self.level == "limit":
             return rasterise.cover_attractor(
                 self.automaton, self.attractor_balls, frame, offset=self.offset

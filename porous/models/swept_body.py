@@ -78,10 +78,12 @@ class SweptBody(CellSystem):
 
     def sample(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
         """Return the mask of each voxel: bit r·C + c where the pattern's point lies in the body."""
+        self.reach.check(frame, certain=False)
         return self.body.sample(frame, pattern)
 
     def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
         """Return marks of every voxel that the body touches, and a Hausdorff bound."""
+        self.reach.check(frame, certain=True)
         return self.body.cover(frame)
 
     @cached_property
