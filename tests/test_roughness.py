@@ -1,6 +1,7 @@
 """Rough skins: heights by their definition, dimensions and amplitudes as asked for, measured."""
 
 import csv
+import itertools
 import math
 from itertools import product
 from pathlib import Path
@@ -312,6 +313,16 @@ def test_what_is_drawn_has_the_dimension_asked_for(dimension, seed):
     assert rows["dimension", "variation"].value == pytest.approx(dimension, abs=0.15)
 
 
+@pytest.mark.parametrize("columns", [64, 128])
+@pytest.mark.parametrize("dimension", [2.1, 2.2, 2.3])
+def test_twice_the_stated_uncertainty_holds_the_error(columns, dimension):
+    for bumps, seed in itertools.product(range(1, columns // 64 + 1), range(10)):
+        z = averaged(Relief(dimension, 1.0, (bumps, bumps), seed), columns)
+        row = values(HeightMap(z, (0.1, 0.1)))["dimension", "variogram"]
+        assert abs(row.value - dimension) <= 2 * row.uncertainty, (bumps, seed)
+        assert row.uncertainty < 0.15
+
+
 def test_a_variogram_is_the_mean_of_second_differences():
     z = np.random.default_rng(3).normal(size=(70, 64)).cumsum(axis=0).cumsum(axis=1)
     found = variogram(HeightMap(z, (0.3, 0.7)))
@@ -335,10 +346,13 @@ def test_a_variogram_is_the_mean_of_second_differences():
 def test_the_study_has_the_dimensions_asked_for():
     path = Path(__file__).parent.parent / "analysis" / "results" / "09_rough_skins.csv"
     with path.open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["voxels"] == "256"]
+        every = list(csv.DictReader(file))
+    rows = [row for row in every if row["voxels"] == "256"]
     judged = [row for row in rows if row["bumps"] != "1, outwards"]
     assert {row["dimension"] for row in judged} == {"2.1", "2.2", "2.3"}
     assert max(float(row["worst_error"]) for row in judged) <= 0.05
+    assert {row["voxels"] for row in every} == {"128", "192", "256"}
+    assert all(row["within_twice"] == "1.00" for row in every if "outwards" not in row["bumps"])
     assert max(abs(float(row["sq_error_percent"])) for row in judged) <= 1
 
 
@@ -605,7 +619,9 @@ def test_a_model_known_on_lattices_can_be_cut_but_not_warped():
         ({"amplitude": math.inf}, r"amplitude: got inf; wanted"),
         ({"face": "TOP"}, r"faces: got 'TOP'"),
         ({"face": "ZMAXX"}, r"faces: got 'ZMAXX'.*did you mean 'ZMAX'"),
+        ({"face": ["ZMAX"]}, r"face: got \['ZMAX'\]; wanted one of XMIN, .*each face"),
         ({"bumps": 0}, r"bumps: got 0; wanted 1 … 256"),
+        ({"bumps": 10**400}, r"bumps: got 1.*; wanted 1 … 256"),
         ({"seed": -1}, r"seed: got -1; wanted a whole number, zero or more"),
     ],
 )
@@ -615,7 +631,7 @@ def test_skins_that_cannot_be_are_refused(given, says):
 
 
 def test_skins_that_leave_nothing_of_the_body_are_refused():
-    with pytest.raises(ModelError, match=r"amplitude: .*ZMAX need .* mm from peak to pit; .*8"):
+    with pytest.raises(ModelError, match=r"amplitude: the skin of ZMAX needs .* mm from .*8,"):
         rough(BLOCK, [skin(amplitude=4.0)])
     thin = [skin("XMIN", amplitude=2.6), skin("XMAX", amplitude=2.6)]
     with pytest.raises(ModelError, match=r"XMIN and XMAX need .*wanted less than 20"):
@@ -626,6 +642,8 @@ def test_skins_that_leave_nothing_of_the_body_are_refused():
         rough((1.0, -2.0, 3.0), [skin()])
     with pytest.raises(ModelError, match=r"bumps: got .*wanted 1 … 256"):
         rough((1.0, 200.0, 3.0), [skin(amplitude=0.001, bumps=4)])
+    with pytest.raises(ModelError, match=r"bumps: got 4 along the shorter edge, 4e\+299 along"):
+        rough((1e300, 10.0, 10.0), [skin(amplitude=0.001, bumps=4)])
     with pytest.raises(GridError, match="feature"):
         po.voxelize(rough(BLOCK, [skin()]), per_feature=4)
 

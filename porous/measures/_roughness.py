@@ -57,6 +57,10 @@ ROUGH = 2.5
 POINTS = 3
 """Distances that a fit has at least."""
 
+SCATTER = 0.4
+"""Standard uncertainty of a variogram's dimension on one column, that falls with the root of how
+many lie along the shorter edge: what a fit cannot see of a few bumps (``analysis/09``)."""
+
 
 @dataclass(frozen=True, eq=False)
 class HeightMap(Value):
@@ -258,7 +262,10 @@ def roughness(heights: HeightMap, face: str) -> Measures:
     (B. Dubuc, C. Roques-Carmes, C. Tricot & S. W. Zucker 1989); it does see tilts, and on maps of
     some hundred columns is too high by about 0.12 near 2.1 and 0.06 near 2.2. Both are fitted over
     d from 4 columns to a quarter of the shorter edge, and no further than second differences stay
-    below 2.5 Sq², as they do within the largest bumps.
+    below 2.5 Sq², as they do within the largest bumps. The variogram's uncertainty is that of the
+    fit and 0.4/√n for n columns along the shorter edge, twice of which held all errors of skins of
+    two bumps of each four outwards; where all point outwards, one bump per edge, it is too high by
+    about 0.1.
 
     Parameters
     ----------
@@ -333,7 +340,9 @@ def _dimensions(heights: HeightMap, side: str) -> Iterator[Measure]:
     lags = np.log(found.distances).tolist()
     slope, doubt = line(lags, np.log(found.means).tolist())
     name, kind = f"dimension_{side}", "standard"
-    yield Measure(name, 3 - slope / 2, "1", VARIOGRAM, doubt / 2, kind, heights.of)
+    scatter = SCATTER / math.sqrt(min(heights.heights.shape))
+    doubt = math.hypot(doubt / 2, scatter)
+    yield Measure(name, 3 - slope / 2, "1", VARIOGRAM, doubt, kind, heights.of)
     ranges = [math.log(_range(heights.residual, lag)) for lag in found.distances.tolist()]
     slope, doubt = line(lags, ranges)
     yield Measure(name, 3 - slope, "1", VARIATION, doubt, kind, heights.of)

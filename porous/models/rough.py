@@ -88,16 +88,27 @@ class Skin(Value):
     outwards: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.face, str):
+            raise ModelError(
+                f"face: got {self.face!r:.80}; wanted one of {', '.join(SIDES)}: each face has a "
+                "skin of its own"
+            )
         if self.face not in SIDES:
             raise ModelError(f"faces: got {self.face!r}{nearest(self.face, SIDES)}")
         if self.seed < 0:
             raise ModelError(f"seed: got {self.seed}; wanted a whole number, zero or more")
-        if self.bumps < 1:
-            raise ModelError(f"bumps: got {self.bumps}; wanted 1 … {MOST_BUMPS}")
+        if not 1 <= self.bumps <= MOST_BUMPS:
+            raise ModelError(f"bumps: got {self.bumps!r:.40}; wanted 1 … {MOST_BUMPS}")
         self.relief((1.0, 1.0))
 
     def relief(self, edges: tuple[float, float]) -> Relief:
         """Return the heights over a rectangle of these edges."""
+        ratio = max(edges) / min(edges)
+        if self.bumps * ratio > MOST_BUMPS + 0.5:
+            raise ModelError(
+                f"bumps: got {self.bumps} along the shorter edge, {self.bumps * ratio:.6g} along "
+                f"the longer; wanted 1 … {MOST_BUMPS} along each edge"
+            )
         a, b = (max(1, round(self.bumps * edge / min(edges))) for edge in edges)
         drawn = len(SIDES) * self.seed + SIDES.index(self.face)
         return Relief(self.dimension, self.amplitude, (a, b), None if self.outwards else drawn)
@@ -141,9 +152,8 @@ class Rough(Value):
             deep = sum(self._reach(face)[1] - self._reach(face)[0] for face in sides)
             if not deep < self.box.lengths[axis]:
                 raise ModelError(
-                    f"amplitude: the skins of {' and '.join(sides)} need {deep:.6g} {self.unit} "
-                    f"from peak to pit; wanted less than {self.box.lengths[axis]:.6g}, what the "
-                    f"box has along {name}"
+                    f"amplitude: {_needing(sides, faces)} {deep:.6g} {self.unit} from peak to pit; "
+                    f"wanted less than {self.box.lengths[axis]:.6g}, what the box has along {name}"
                 )
 
     @property
@@ -326,6 +336,16 @@ class Rough(Value):
             Measure(name, value, unit, METHOD, 0.0, "exact", "model")
             for name, (value, unit) in values.items()
         )
+
+
+def _needing(sides: Sequence[str], faces: Sequence[str]) -> str:
+    """Return the beginning of a sentence about the skins of an axis."""
+    there = [side for side in sides if side in faces]
+    return (
+        f"the skin of {there[0]} needs"
+        if len(there) == 1
+        else f"the skins of {' and '.join(there)} need"
+    )
 
 
 def _axis(face: str) -> int:
