@@ -1,6 +1,7 @@
 """Fractal homeomorphisms: h is one-to-one, keeps faces and topology, and refuses what folds."""
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -209,6 +210,17 @@ def test_corners_of_words_are_products_of_matrices():
     assert np.abs(product.T - wanted).max() < 1e-15
 
 
+@settings(max_examples=20)
+@given(moderate)
+def test_cells_of_three_levels_do_not_fold_at_their_corners(warp):
+    """All 512: up to offsets of 0.12. Of random ones up to 0.18 about one draw in ten has some."""
+    a = np.array([np.prod(np.where(CORNERS[:, None], c, 1 - c), axis=2) for c in warp.cells])
+    corners = np.einsum("dp,ipq,jqr,krs->ijksd", CORNERS.T, a, a, a, optimize=True)
+    mirrored = [(-1) ** np.sum(word) for word in itertools.product(CORNERS, repeat=3)]
+    found = jacobians(corners.reshape(512, 8, 3))[:, ::2, ::2, ::2] * 512
+    assert (found * np.reshape(mirrored, (512, 1, 1, 1)) > 0.02).all()
+
+
 def test_fewer_digits_stay_within_the_dyadic_cell_that_the_error_speaks_of():
     model = po.warp(Torus(), random_offsets(0.15, 9))
     for place in np.random.default_rng(10).random((3, 3)):
@@ -399,6 +411,14 @@ def test_folds_between_corners_are_found():
 def test_models_without_points_are_refused(model, says):
     with pytest.raises(ModelError, match=says):
         po.warp(model(), {})
+    with pytest.raises(ModelError, match=r"or voxelize it, and bend the voxels by warp_grid$"):
+        po.warp(model(), {})
+
+
+def test_what_cannot_be_asked_point_by_point_is_bent_as_voxels():
+    tree = po.tree((2,), (0.5,), radius=0.1, level=1, plate=0.1)
+    bent = po.warp_grid(po.voxelize(tree, voxels=32), {(1, 1, 1): (0.08, -0.06, 0.05)})
+    assert po.measures.components(bent).value == 1
 
 
 @pytest.mark.parametrize(
@@ -408,6 +428,13 @@ def test_models_without_points_are_refused(model, says):
 def test_offsets_of_another_kind_are_refused(offsets):
     with pytest.raises(ModelError, match=r"offsets: got .*wanted"):
         po.warp(Torus(), offsets)
+
+
+def test_offsets_that_are_not_finite_are_told_as_they_are():
+    with pytest.raises(ModelError, match=r"^offsets: got nan; wanted finite numbers"):
+        po.warp(Torus(), {(1, 1, 1): (0.1, math.nan, 0)})
+    with pytest.raises(ModelError, match=r"^offsets: got inf; wanted finite numbers"):
+        po.warp(Torus(), math.inf)
 
 
 def test_what_cannot_be_known_is_not_claimed():

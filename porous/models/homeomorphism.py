@@ -273,6 +273,9 @@ def _array(given: ArrayLike, shape: tuple[int, ...]) -> Floats:
         result = np.asarray(given, np.float64)
     except (TypeError, ValueError):
         raise ModelError(f"offsets: got {given!r:.80}; wanted numbers") from None
-    if result.shape != shape or not np.isfinite(result).all():
-        raise ModelError(f"offsets: got shape {result.shape}; wanted {shape} finite numbers")
+    if not np.isfinite(result).all():
+        bad = result[~np.isfinite(result)][0]
+        raise ModelError(f"offsets: got {bad}; wanted finite numbers, in edges of the box")
+    if result.shape != shape:
+        raise ModelError(f"offsets: got numbers of shape {result.shape}; wanted {shape}")
     return result

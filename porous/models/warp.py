@@ -1,6 +1,7 @@
-"""Any solid bent by a fractal homeomorphism of its box: { x : h(x) ∈ body }, its topology kept.
+"""Bodies bent by a fractal homeomorphism of their box: { x : h(x) ∈ body }, their topology kept.
 
-h is only ever evaluated forward; the maps are those of ``models.homeomorphism``.
+The body is one that can be asked point by point; voxels of any other are bent by ``warp_grid``. h
+is only ever evaluated forward; the maps are those of ``models.homeomorphism``.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 KIND = "warp"
+
+INSTEAD = "; or voxelize it, and bend the voxels by warp_grid"
+"""The end of a refusal: what bends any body."""
 
 CHUNK = 1 << 19
 """Samples that are looked at in one step."""
@@ -65,9 +69,12 @@ class Warp(Value):
             raise ModelError(
                 f"model: a {type(self.model).__name__} is known on lattices of voxels alone; "
                 "wanted one that can be asked point by point, such as kind = "
-                '"ifs" or the solid cells of kind = "bcifs"'
+                f'"ifs" or the solid cells of kind = "bcifs"{INSTEAD}'
             )
-        self.model.check_membership()
+        try:
+            self.model.check_membership()
+        except ModelError as error:
+            raise ModelError(f"{error}{INSTEAD}") from None
 
     @property
     def unit(self) -> str:
@@ -138,12 +145,13 @@ class Warp(Value):
 def warp(model: Model, offsets: ArrayLike | Mapping[Place, ArrayLike]) -> Warp:
     """Return a model bent by a fractal homeomorphism of its domain; its topology is kept.
 
-    Voxels and meshes are bent by ``warp_grid`` and ``warp_mesh``.
+    Voxels, which any model has, and meshes are bent by ``warp_grid`` and ``warp_mesh``.
 
     Parameters
     ----------
     model
-        What is bent: any model that can be asked point by point.
+        What is bent, which can be asked point by point: the cells of a level of an ``ifs``, or the
+        solid cells of a ``bcifs``, without offset or drawn parts; a rough block, or a warp.
     offsets
         How far the 3 × 3 × 3 points of a lattice are moved, in edges of the domain, as in
         ``homeomorphism``.
@@ -170,7 +178,10 @@ class WarpSection(Section):
     """The ``[model]`` table of a fractal homeomorphism of another model."""
 
     kind: Literal["warp"] = Field(default="warp", description='"warp"')
-    model: Warped = Field(description='a table [model.model] of kind "ifs" or "bcifs"')
+    model: Warped = Field(
+        description='a table [model.model] of kind "ifs" or "bcifs", of '
+        "solids without offset; of other bodies po.warp_grid bends the voxels"
+    )
     offsets: Annotated[tuple[OffsetSection, ...], Field(strict=False)] = Field(
         default=(),
         description="tables { at = [i, j, k], by = [x, y, z] }: lattice points that are moved",
