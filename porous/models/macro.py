@@ -262,7 +262,7 @@ class Sharing:
         if kind != state:
             one, other = (self.brep.states[s] for s in (kind, state))
             pieces = len(one.children), len(other.children)
-            why = "by other textures"
+            why = "by other textures or other states"
             if pieces[0] != pieces[1]:
                 why = f"into {pieces[0]} and {pieces[1]} pieces"
             raise ModelError(
