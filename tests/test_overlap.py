@@ -1,5 +1,7 @@
 """Attractors whose parts overlap many times: covers by seeking words backwards from voxels."""
 
+import time
+
 import naive_limits
 import naive_sampling
 import numpy as np
@@ -163,8 +165,9 @@ def test_which_systems_are_sought_backwards():
     assert all(map(told, SYSTEMS.values()))
     assert not told(turned_maps(4, 0.5, 1))
     assert not told([(np.diag([0.9, 0.9, 0.0]), np.array([k, 0, 0.0])) for k in range(3)])
-    assert told([(np.diag([0.97, 0.9, 0.9]), np.array([k, 0, 0.0])) for k in range(3)])
-    assert not told([(np.diag([0.96, 0.5, 0.9]), np.array([k, 0, 0.0])) for k in range(7)])
+    assert told([(np.diag([0.97, 0.9, 0.9]), np.array([k, k**2, k**3.0])) for k in range(3)])
+    assert not told([(np.diag([0.97, 0.9, 0.9]), np.array([k, 0, 0.0])) for k in range(3)])
+    assert not told([(np.diag([0.96, 0.5, 0.9]), np.array([k, k**2, k**3.0])) for k in range(7)])
     assert not told([(np.eye(3) * 0.9, np.zeros(3))])
 
 
@@ -274,3 +277,44 @@ def test_sheared_maps_take_little_more_work(monkeypatch):
     plain = words_per_voxel(SYSTEMS["six of 0.7"], monkeypatch)
     for maps in (SYSTEMS["six of 0.7, sheared"], STRETCHED):
         assert words_per_voxel(maps, monkeypatch) < 5 * plain
+
+
+def in_plane(angle, ratio):
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    shift = np.array([np.cos(3 * angle), np.sin(2 * angle), 0])
+    return ratio * np.block([[turn, np.zeros((2, 1))], [np.zeros((1, 2)), np.eye(1)]]), shift
+
+
+FLAT = {
+    "square": [(0.7 * np.eye(3), 0.3 * np.array([x, y, 0.0])) for x in (0, 1) for y in (0, 1)],
+    "six of a plane": [in_plane(angle, 0.7) for angle in (0, 1, 2.2, 3.9, 4.4, 5.5)],
+    "four of a line": [(0.8 * np.eye(3), np.array([x, 0, 0])) for x in (0, 0.3, 0.7, 1)],
+}
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_flat_attractors_that_overlap_are_covered_forwards(name):
+    maps = FLAT[name]
+    points = game(maps, 300_000)
+    low, high = points.min(axis=0) - 0.1, points.max(axis=0) + np.array([0.1, 0.1, 0.11])
+    automaton, balls, system = system_of(maps)
+    assert np.abs(np.linalg.det(system.maps[:, :, :3])).sum() > 1.3
+    assert not overlap.overlaps(system)
+    edge = float((high - low).max()) / 33
+    frame = Frame(tuple(low), (edge,) * 3, tuple(np.ceil((high - low) / edge).astype(int)))
+    started = time.process_time()
+    marks, _ = cover.cover_attractor(automaton, balls, frame)
+    assert time.process_time() - started < 2
+    index = np.floor((points - low) / edge).astype(int)
+    assert marks[tuple(index.T)].all()
+    # A plane's or a line's voxels, and those beside it at most.
+    assert marks.any(axis=(0, 1)).sum() <= 2
+
+
+def test_flatness_is_that_of_the_attractor_in_any_direction():
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    for maps in FLAT.values():
+        turned = [(turn @ A @ turn.T, turn @ b) for A, b in maps]
+        assert overlap._is_flat(system_of(turned)[2])
+        besides = [(0.5 * np.eye(3), axis) for axis in turn.T]
+        assert not overlap._is_flat(system_of([*turned, *besides])[2])

@@ -37,6 +37,9 @@ IMAGES = 40
 WORDS, ROUNDS = 512, 8
 """Words that tighten the enclosures, and how often they do."""
 
+THIN = 1e-9
+"""An attractor that is flatter than this part of its ball is in a plane, or on a line."""
+
 ROOM = 2
 """Cells about the attractor."""
 
@@ -48,11 +51,12 @@ def overlaps(system: System) -> bool:
     """Tell whether words at a place become ever more, and can be sought backwards.
 
     That is for one state with invertible maps whose words contract in the coordinates that suit
-    them. Words whose maps coincide count once.
+    them. Words whose maps coincide count once. Sets in a plane or on a line are left to
+    those who seek forwards: backwards no voxel beside one is ever told from those that it touches.
     """
     if len(system.balls) > 1 or len(system.maps) < 2:
         return False
-    if _growth(system.maps, 1) <= MUCH:
+    if _growth(system.maps, 1) <= MUCH or _is_flat(system):
         return False
     maps, growth = letters(system)
     turn = coordinates(maps)
@@ -60,6 +64,21 @@ def overlaps(system: System) -> bool:
     # The inverses do not stretch too unequally.
     upright = np.abs(np.linalg.det(maps[:, :, :3])) > 1e-3 * _norms(_turned(maps, turn)) ** 3
     return bool(growth > MUCH and slowest <= SLOW and upright.all())
+
+
+def _is_flat(system: System) -> bool:
+    """Tell whether a one-state attractor lies in a plane.
+
+    It lies in the least affine subspace that holds one of its points and is sent into itself: that
+    along the images of the point, less the point, and the images of these by the matrices.
+    """
+    point, radius, matrices = system.points[0], system.balls[0, 3], system.maps[:, :, :3]
+    span = matrices @ point + system.maps[:, :, 3] - point
+    for _ in range(2):  # each time by a dimension more, or no more will come
+        images = np.einsum("mab,kb->mka", matrices, span).reshape(-1, 3)
+        _, sizes, axes = np.linalg.svd(np.concatenate([span, images]), full_matrices=False)
+        span = sizes[:, None] * axes
+    return bool((sizes <= THIN * radius).any())
 
 
 def letters(system: System) -> tuple[Floats, float]:
