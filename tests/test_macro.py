@@ -697,3 +697,18 @@ def test_meshes_that_are_none_are_refused(tmp_path):
         with pytest.raises((ModelError, RecipeError), match=text) as caught:
             recipe(tmp_path, **model)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kept", [(0, 1, 3, 7, 6), (0, 1, 2, 5, 6)])
+def test_cells_that_touch_along_an_edge_besides_are_sampled(kept):
+    """A chain of common faces joins the cells; two of them meet in an edge as well."""
+    points, cells = meshes.grid((2, 2, 2), 2, lambda u: u)
+    chosen = [cells[k] for k in kept]
+    used = sorted(set(itertools.chain(*chosen)))
+    chosen = [[used.index(index) for index in cell] for cell in chosen]
+    chain = body(points[:, used], chosen, level=1, cell="hex-8", domain=None)
+    grid = po.voxelize(chain, voxels=24)
+    assert po.measures.porosity(grid).value == pytest.approx(1 - 20 / 27, abs=1e-3)
+    mesh = po.mesh_cells(chain)
+    assert mesh.volumes.sum() == pytest.approx(5 * 20 / 27)
+    assert grid.fill.sum() / 255 * np.prod(grid.frame.spacing) == pytest.approx(100 / 27, rel=1e-2)
