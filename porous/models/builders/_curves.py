@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 HIGHEST = 8
 """The highest degree: blossoms are exact, and a cell of degree p has (p + 1)³ controls."""
 
-UNEVEN = 10**6
-"""How many times the shortest span of knots the longest may be; beyond it controls coincide."""
+UNEVEN = 10**3
+"""How many times the shortest span of knots the longest may be; far beyond, linear systems fail."""
 
 
 @dataclass(frozen=True, eq=False)
