@@ -179,7 +179,7 @@ def assert_voxels_are_fast(rows):
 def test_a_study_runs(study, tmp_path, judge):
     if study.stem == "10_support_tree":
         judge("ccx")
-    short = {"POROUS_STEP": "40", "POROUS_SMALL": "yes"}
+    short = {"POROUS_STEP": "80", "POROUS_SMALL": "yes"}
     environment = {**os.environ, "POROUS_RESULTS": str(tmp_path), **short}
     done = subprocess.run(
         [sys.executable, str(study)],
