@@ -781,3 +781,24 @@ def test_cells_beside_each_other_do_not_run_through_each_other():
         assert crossings(joined) == alone
     assert refused > 0
     assert passed > 0
+
+
+BEY = ["0 01 02 03", "01 1 12 13", "02 12 2 23", "03 13 23 3"]
+BEY += ["01 02 03 13", "01 02 12 13", "02 03 13 23", "02 12 13 23"]
+"""The eight children of a tetrahedron, by its vertices and the points of its edges (Bey 1995)."""
+
+
+@pytest.mark.parametrize("t", [0.42, 0.5, 0.6])
+def test_tetrahedra_are_cut_into_eight_wherever_their_edges_are(t):
+    """The same cut of all edges, from first to second vertex, would be a homeomorphism too."""
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    at = {str(i): corners[i] for i in range(4)}
+    for i, j in itertools.combinations(range(4), 2):
+        at[f"{i}{j}"] = (1 - t) * corners[i] + t * corners[j]
+    children = np.array([[at[name] for name in child.split()] for child in BEY])
+    sides = children[:, 1:] - children[:, :1]
+    assert np.abs(np.linalg.det(sides)).sum() == pytest.approx(1, abs=1e-14)
+    places = np.random.default_rng(0).dirichlet(np.ones(4), 500)[:, 1:]
+    local = np.einsum("pkx,kxy->pky", places[:, None] - children[None, :, 0], np.linalg.inv(sides))
+    inside = (local > 0).all(axis=2) & (local.sum(axis=2) < 1)
+    assert (inside.sum(axis=1) == 1).all()
