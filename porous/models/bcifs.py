@@ -138,9 +138,7 @@ def bcifs(
     solution = solve(brep, moves)
     _check_digits(solution, digits)
     start = brep.states[brep.start]
-    macro, given = None, controls
-    if cells is not None:
-        macro, given = _macro(brep, cells, controls)
+    macro, given = (None, controls) if cells is None else _macro(brep, cells, controls)
     given = _controls(start, given, alone=macro is None)
     limit = level == "limit"
     _check_start(start, drawn=draw is not None or limit)
