@@ -198,7 +198,7 @@ class BCIFSSection(Section):
         return self
 
     @model_validator(mode="after")
-    def _own_digits(self) -> Self:
+    def _cells_fit(self) -> Self:
         if self.mesh is not None:
             self._check_mesh()
         if self.cells is None:
