@@ -48,6 +48,63 @@ def write_bytes(path: str | Path, chunks: bytes | Iterable[bytes]) -> None:
         raise DiskError(f"{path}: cannot be written: {_reason(error)}") from None
 
 
+def write_files(folder: str | Path, files: Iterable[tuple[str, Iterable[bytes]]]) -> None:
+    """Write files that belong together into a folder, the last of them last, or none at all.
+
+    Parameters
+    ----------
+    folder
+        There already.
+    files
+        Plain names, and their bytes in pieces. Files of those names are replaced.
+
+    Raises
+    ------
+    DiskError
+        Where the disk refuses.
+    """
+    with staging(folder) as stage:
+        last = _stage(stage, files)
+        commit(stage, folder, last=last)
+
+
+def write_folder(path: str | Path, files: Iterable[tuple[str, Iterable[bytes]]]) -> None:
+    """Write a new folder of files, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Where the folder is to be; nothing of that name may be there, but for an empty folder.
+    files
+        Names, with ``/`` between a folder inside and what is in it, and their bytes in pieces.
+
+    Raises
+    ------
+    DiskError
+        Where something is there already, or the disk refuses.
+    """
+    target = Path(path)
+    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
+        raise DiskError(f"{path}: is there already; wanted another name, or that out of the way")
+    with staging(target.parent) as stage:
+        inner = stage / target.name
+        with _refusals(target):
+            inner.mkdir()
+        _stage(inner, files)
+        with _refusals(target):
+            inner.replace(target)
+            _sync_folder(target.parent)
+
+
+def _stage(stage: Path, files: Iterable[tuple[str, Iterable[bytes]]]) -> str:
+    name = ""
+    for name, chunks in files:
+        with _refusals(stage):
+            (stage / name).parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(stage / name, chunks)
+    return name
+
+
 def place(path: str | Path, content: bytes) -> None:
     """Write one of many files whole, as ``write_bytes`` does, but for the folder's own entry.
 

@@ -29,11 +29,13 @@ from porous.stages import stream_surface
 from porous.stages._stream_surface import WRITERS
 from porous.values import (
     Block,
-    Compression,
     Frame,
+    Held,
     Job,
     Material,
     Part,
+    Pressed,
+    Step,
     SurfaceMesh,
     VolumeMesh,
     VoxelGrid,
@@ -389,14 +391,28 @@ SOLID = np.random.default_rng(0).integers(0, 256, (4, 3, 5)).astype(np.uint8)
 MESH = VolumeMesh(
     TETRAHEDRON,
     (Block("tet4", np.array([[0, 1, 2, 3]])),),
-    parts={"ZMIN": Part("nodes", np.array([0, 1, 2])), "TOP": Part("faces", np.array([[0, 2]]))},
+    parts={
+        "ZMIN": Part("nodes", np.array([0, 1, 2])),
+        "TOP": Part("faces", np.array([[0, 2]])),
+        "SOLID": Part("cells", np.array([0])),
+    },
 )
 EXAMPLES = {
     VoxelGrid: VoxelGrid(Frame((0, 0, 0), (1, 2, 3), SOLID.shape), SOLID),
     SurfaceMesh: SurfaceMesh(TETRAHEDRON, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])),
     VolumeMesh: MESH,
     Job: Job(
-        "weight", MESH, Material("steel", 210e3, 0.3, 7.85e-9), Compression("ZMIN", "TOP", 1.5)
+        "weight",
+        MESH,
+        {"SOLID": Material("steel", 210e3, 0.3, 7.85e-9)},
+        (
+            Step(
+                "press",
+                "static",
+                (Held("ZMIN", "displacement", components=(0, 1, 2)),),
+                (Pressed("TOP", 1.5),),
+            ),
+        ),
     ),
 }
 """One of each type that there are writers for."""

@@ -26,7 +26,7 @@ def energy(job):
     """
     mesh = job.mesh
     points = np.ascontiguousarray(mesh.points.T)
-    E, nu = job.material.youngs_modulus, job.material.poissons_ratio
+    E, nu = job.materials["SOLID"].youngs_modulus, job.materials["SOLID"].poissons_ratio
     shear, bulk = E / (2 * (1 + nu)), E / (3 * (1 - 2 * nu))
 
     @skfem.BilinearForm
@@ -44,8 +44,8 @@ def energy(job):
         K = K + part
     f = np.zeros(K.shape[0])
     for nodes, areas in loaded(job):
-        f[3 * nodes[:, None] + np.arange(3)] -= job.step.pressure * areas
-    held = (3 * mesh.parts[job.step.fixed].members[:, None] + np.arange(3)).ravel()
+        f[3 * nodes[:, None] + np.arange(3)] -= job.steps[0].pressed[0].pressure * areas
+    held = (3 * mesh.parts[job.steps[0].held[0].part].members[:, None] + np.arange(3)).ravel()
     u = skfem.solve(*skfem.condense(K, f, D=held))
     return 0.5 * u @ f, -f.reshape(-1, 3).sum(axis=0)
 
@@ -55,7 +55,7 @@ def loaded(job):
     from porous.values import SHAPES
 
     cells = [(block.shape, cell) for block in job.mesh.blocks for cell in block.cells]
-    for number, local in job.mesh.parts[job.step.loaded].members:
+    for number, local in job.mesh.parts[job.steps[0].pressed[0].part].members:
         shape, cell = cells[number]
         nodes = cell[list(SHAPES[shape].faces[local])]
         p = job.mesh.points[nodes]

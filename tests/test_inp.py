@@ -117,9 +117,8 @@ def test_no_text_becomes_a_card():
     sly = Job(
         "title\n*INCLUDE, INPUT=/etc/passwd",
         job.mesh,
-        Material("a\nb*", 1.0, 0.0, 1.0, "*STEP\n*END STEP é"),
-        None,
-        "why\n*STEP",
+        {"SOLID": Material("a\nb*", 1.0, 0.0, 1.0, "*STEP\n*END STEP é")},
+        why_no_step="why\n*STEP",
     )
     cards = [line for line in text(sly).splitlines() if re.match(r"\*[A-Z]", line)]
     assert not any("INCLUDE" in card or "STEP" in card for card in cards)
@@ -213,7 +212,7 @@ def test_hexahedra_of_unequal_edges_in_calculix(judge):
 def test_a_bar_is_as_stiff_as_hooke_says(judge):
     bar = voxel_job(np.ones((2, 3, 8), dtype=bool), (1.0, 1.0, 2.0))
     soft = Material("soft", 1000.0, 0.0, 1e-9)  # ν = 0: the clamp holds nothing back
-    job = Job(bar.title, bar.mesh, soft, bar.step)
+    job = Job(bar.title, bar.mesh, {"SOLID": soft}, bar.steps)
     solved = ccx.solve(inp.write(job), program=judge("ccx"))
     assert solved.energy == pytest.approx(0.5 * 3.0**2 / 1000 * 2 * 3 * 16, rel=1e-6)
 
@@ -229,7 +228,7 @@ FUSED = {"contacts": "fuse", "contact_radius": 0.12}
 def test_a_sierpinski_tetrahedron_joined_in_points_has_no_step():
     loose = name_parts(tetrahedralize(exact_surface(sierpinski())), UNIT_BOX)
     job = compression(loose, material=material("pla"), pressure=1.0)
-    assert job.step is None
+    assert not job.steps
     assert "4 bodies that no face joins" in job.why_no_step
 
 

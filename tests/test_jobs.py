@@ -12,7 +12,7 @@ from porous.jobs import compression, material
 from porous.jobs._material import read_material
 from porous.presets import material_names
 from porous.stages import hexahedralize, name_parts
-from porous.values import Block, Box, Frame, Material, VolumeMesh, VoxelGrid
+from porous.values import Block, Box, Frame, Material, Pressed, VolumeMesh, VoxelGrid
 
 STEEL = Material("steel", 210e3, 0.3, 7.85e-9)
 
@@ -36,7 +36,10 @@ def columns(*ranges):
 
 def test_the_body_between_is_pressed():
     job = press(columns(((0, 0), 0, 3)))
-    assert (job.step.fixed, job.step.loaded, job.step.pressure) == ("ZMIN", "ZMAX_FACES", 2.0)
+    assert (job.steps[0].held[0].part, job.steps[0].pressed) == (
+        "ZMIN",
+        (Pressed("ZMAX_FACES", 2.0),),
+    )
     assert (job.mesh.cells, job.note, job.why_no_step) == (3, "", "")
     assert len(job.mesh.parts["ZMIN"].members) == 4
 
@@ -63,7 +66,7 @@ def test_what_bears_no_load_is_left_out_and_said():
 )
 def test_no_step_and_why(solid, words):
     job = press(solid)
-    assert job.step is None
+    assert not job.steps
     assert job.mesh == hexes(solid)
     import re
 
@@ -73,7 +76,7 @@ def test_no_step_and_why(solid, words):
 @pytest.mark.parametrize(("divisions", "keep"), [(3, systems.VICSEK_9), (2, systems.PARITY)])
 def test_cells_that_only_touch_bear_nothing(divisions, keep):
     job = press(naive.prefractal(divisions, keep, 2))
-    assert job.step is None
+    assert not job.steps
     assert f"{len(keep) ** 2} bodies that no face joins" in job.why_no_step
     assert "fuse" in job.why_no_step
 
@@ -81,7 +84,7 @@ def test_cells_that_only_touch_bear_nothing(divisions, keep):
 def test_cantor_squares_stay_in_pieces():
     keep = [(x, y, z) for x, y in itertools.product((0, 2), repeat=2) for z in range(3)]
     job = press(naive.prefractal(3, keep, 2))
-    assert job.step is None
+    assert not job.steps
     assert "16 of them reach from ZMIN to ZMAX" in job.why_no_step
 
 
@@ -143,10 +146,10 @@ def test_units_are_read(tmp_path):
         ({"youngs_modulus": '"3.5 gigapascal"'}, "youngs_modulus: got '3.5 gigapascal'.*GPa"),
         ({"youngs_modulus": "3.5"}, "youngs_modulus"),
         ({"youngs_modulus": '"stiff GPa"'}, "youngs_modulus"),
-        ({"youngs_modulus": '"-1 GPa"'}, "E > 0"),
-        ({"youngs_modulus": '"nan GPa"'}, "E > 0"),
+        ({"youngs_modulus": '"-1 GPa"'}, "youngs_modulus = .*more than zero"),
+        ({"youngs_modulus": '"nan GPa"'}, "youngs_modulus = .*more than zero"),
         ({"density": '"7850"'}, "density.*kg/m3"),
-        ({"poissons_ratio": "0.5"}, "ν"),
+        ({"poissons_ratio": "0.5"}, "between −1 and 0.5"),
         ({"poissons_ratio": "true"}, "poissons_ratio"),
         ({"poissons_ratio": '"0.3"'}, "poissons_ratio"),
         ({"yield": "3"}, r"unknown keys \['yield'\]"),

@@ -23,7 +23,7 @@ def test_menger_from_end_to_end():
     assert result.surface.volume == pytest.approx(1 - exact, abs=1e-12)
     assert (result.volume.volumes > 0).all()
     assert result.volume.volumes.sum() == pytest.approx(result.surface.volume, rel=1e-3)
-    assert result.job.step.pressure == 1.0
+    assert result.job.steps[0].pressed[0].pressure == 1.0
     assert list(result.times)[:4] == ["model", "voxels", "surface", "volume"]
     assert all(seconds >= 0 for seconds in result.times.values())
     assert pickle.loads(pickle.dumps(result)) == result

@@ -18,14 +18,16 @@ from porous.values import (
     SHAPES,
     Block,
     Box,
-    Compression,
     Frame,
+    Held,
     Job,
     Material,
     Measure,
     Measures,
     Part,
     Pattern,
+    Pressed,
+    Step,
     SurfaceMesh,
     VolumeMesh,
     VoxelGrid,
@@ -54,8 +56,17 @@ def volume():
         TETRAHEDRON,
         (Block("tet4", np.array([[0, 1, 2, 3]])),),
         {"phase": np.array([7])},
-        {"ZMIN": Part("nodes", np.array([0, 1, 2])), "TOP": Part("faces", np.array([[0, 2]]))},
+        {
+            "ZMIN": Part("nodes", np.array([0, 1, 2])),
+            "TOP": Part("faces", np.array([[0, 2]])),
+            "SOLID": Part("cells", np.array([0])),
+        },
     )
+
+
+def pressing(fixed="ZMIN", loaded="TOP", pressure=1.5):
+    held = Held(fixed, "displacement", components=(0, 1, 2))
+    return Step("press", "static", (held,), (Pressed(loaded, pressure),))
 
 
 VALUES = {
@@ -64,7 +75,7 @@ VALUES = {
     "grid": grid(),
     "surface": surface(),
     "volume": volume(),
-    "job": Job("weight", volume(), STEEL, Compression("ZMIN", "TOP", 1.5)),
+    "job": Job("weight", volume(), {"SOLID": STEEL}, (pressing(),)),
     "material": STEEL,
     "measure": Measure("porosity", 0.25, "1", "voxel fill", 0.01, "standard", "grid"),
     "undefined": Measure(
@@ -472,17 +483,17 @@ def test_volume_mesh_refuses(make, message):
 
 def test_a_step_speaks_only_of_parts_that_the_mesh_has():
     with pytest.raises(MeshError, match="no part of nodes named 'BASE'; there are ZMIN"):
-        Job("x", volume(), STEEL, Compression("BASE", "TOP", 1))
+        Job("x", volume(), {"SOLID": STEEL}, (pressing("BASE"),))
     with pytest.raises(MeshError, match="no part of faces named 'ZMIN'; there are TOP"):
-        Job("x", volume(), STEEL, Compression("ZMIN", "ZMIN", 1))
+        Job("x", volume(), {"SOLID": STEEL}, (pressing("ZMIN", "ZMIN"),))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"youngs_modulus": 0}, "wanted E > 0"),
-        ({"youngs_modulus": math.inf}, "wanted E > 0"),
-        ({"poissons_ratio": 0.5}, "wanted −1 < ν < 0.5"),
+        ({"youngs_modulus": 0}, "youngs_modulus = 0; wanted more than zero"),
+        ({"youngs_modulus": math.inf}, "youngs_modulus = inf; wanted more than zero"),
+        ({"poissons_ratio": 0.5}, "wanted a number between −1 and 0.5"),
         ({"density": math.nan}, "wanted more than zero"),
     ],
 )
@@ -493,7 +504,7 @@ def test_material_refuses(change, message):
 
 def test_pressure_is_a_number():
     with pytest.raises(MeshError, match="pressure: got nan MPa"):
-        Compression("ZMIN", "TOP", math.nan)
+        pressing(pressure=math.nan)
 
 
 # --- measures ------------------------------------------------------------------------------

@@ -11,9 +11,14 @@ A format is one file of this folder that defines ``FORMAT``, and nothing else an
         write=write,                 # (value) -> chunks of bytes
     )
 
+Some formats are several files: those have ``write_files``, which gives names and chunks, in place
+of ``write``. They stand beside each other, the one that the user named last, or with
+``folder=True`` all in a folder of that name.
+
 The folder is listed, not imported: a format is imported when its suffix is asked for. Readers get
-the file's bytes and see no path, so none can open another file; writers give bytes, so every file
-appears whole or not at all (``disk``). Whatever a reader refuses, this file puts the path before.
+the file's bytes and see no path, so none can open another file but by ``Source.beside``; writers
+give bytes, so every file appears whole or not at all (``disk``). Whatever a reader refuses, this
+file puts the path before.
 """
 
 from __future__ import annotations
@@ -22,17 +27,21 @@ import pkgutil
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from porous import disk
 from porous.errors import FormatError, GridError, MemoryLimitError, MeshError
 from porous.formats.gate import Source, open_source
+from porous.values import Job, VolumeMesh
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from porous.values.value import Value
+
+    File = tuple[str, Iterable[bytes]]
 
 LONGEST = 400
 """The longest message about a file, in characters."""
@@ -49,11 +58,22 @@ class Format:
     name
         What the field calls it.
     suffixes
-        With the dot, in lower case; the first one names the module.
+        With the dot, in lower case; the first one names the module, its inner dots underscores.
     reads, read
         The type of value a file holds, and the function from a ``Source`` to it.
     writes, write
         The types that can be written, and the function from a value to chunks of bytes.
+    write_files
+        Of a format of several files: from a value and the name that the user gave to pairs of a
+        name, which may have folders in it where ``folder`` is true, and chunks of bytes.
+    folder
+        Whether what is written is a folder of files.
+    shapes
+        Of formats of volume meshes: the elements that are written; empty where all are.
+    procedures
+        What steps of a job are written; all else of a job is a mesh with its parts.
+    needs
+        Modules that are not always there, by the name that ``import`` knows.
     """
 
     name: str
@@ -62,6 +82,11 @@ class Format:
     read: Callable[[Source], Value] | None = None
     writes: tuple[type[Value], ...] = ()
     write: Callable[[Any], Iterable[bytes]] | None = None
+    write_files: Callable[[Any, str], Iterable[File]] | None = None
+    folder: bool = False
+    shapes: tuple[str, ...] = ()
+    procedures: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
 
     @property
     def suffix(self) -> str:
@@ -118,23 +143,53 @@ def write(value: Value, path: str | Path) -> None:
     Raises
     ------
     FormatError
-        For a suffix that is not known or cannot hold that value.
+        For a suffix that is not known or cannot hold that value; for a folder that is there
+        already.
     DiskError
         Where the disk refuses.
     """
     form = _find(Path(path))
-    if form.write is None or not isinstance(value, form.writes):
+    try:
+        _check_writable(form, value)
+        if form.write_files is None:
+            assert form.write is not None
+            disk.write_bytes(path, form.write(value))
+        elif form.folder:
+            disk.write_folder(path, form.write_files(value, Path(path).name))
+        else:
+            disk.write_files(Path(path).parent, form.write_files(value, Path(path).name))
+    except FormatError as error:
+        raise FormatError(f"{path}: {error}") from None
+
+
+def _check_writable(form: Format, value: Value) -> None:
+    """Refuse a value that a format cannot hold."""
+    if not isinstance(value, form.writes):
         what = type(value).__name__
         homes = ", ".join(f.suffix for f in formats() if isinstance(value, f.writes))
         if not homes:
             raise TypeError(f"write: no format holds a {what}")
+        raise FormatError(f"a {form.suffix} file cannot hold a {what}; wanted one of {homes}")
+    missing = [name for name in form.needs if find_spec(name) is None]
+    if missing:
         raise FormatError(
-            f"{path}: a {form.suffix} file cannot hold a {what}; wanted one of {homes}"
+            f"{form.suffix} files need {' and '.join(missing)}; wanted pip install 'porous[io]'"
         )
-    try:
-        disk.write_bytes(path, form.write(value))
-    except FormatError as error:
-        raise FormatError(f"{path}: {error}") from None
+    mesh = value.mesh if isinstance(value, Job) else value
+    if form.shapes and isinstance(mesh, VolumeMesh):
+        _check_all(form, "elements", (block.shape for block in mesh.blocks), "shapes")
+    if isinstance(value, Job):
+        _check_all(form, "a step of", (step.procedure for step in value.steps), "procedures")
+
+
+def _check_all(form: Format, what: str, got: Iterable[str], name: str) -> None:
+    for one in got:
+        if one not in getattr(form, name):
+            homes = [f.suffix for f in formats() if one in getattr(f, name) and f.writes]
+            raise FormatError(
+                f"a {form.suffix} file cannot hold {what} {one}; wanted one of "
+                f"{', '.join(homes) or 'none: no format can'}"
+            )
 
 
 def _plain(error: Exception) -> str:
@@ -144,9 +199,9 @@ def _plain(error: Exception) -> str:
 
 
 def _find(path: Path) -> Format:
-    suffix = path.suffix.lower()
-    if suffix[1:] in _stems():
-        return _load(suffix[1:])
+    for suffix in ("".join(path.suffixes[-2:]).lower(), path.suffix.lower()):
+        if (stem := suffix[1:].replace(".", "_")) in _stems():
+            return _load(stem)
     known = {s: form for form in formats() for s in form.suffixes}
     if suffix in known:
         return known[suffix]

@@ -14,6 +14,7 @@ import stat
 import warnings
 import zlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -24,8 +25,6 @@ from porous.errors import FormatError, FormatWarning
 from porous.memory import check_memory
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
 HEADER = 64 * 1024
@@ -47,6 +46,27 @@ class Source:
 
     name: str
     data: bytes
+    folder: Path | None = None
+    """Where it lies, for ``beside``; None where it lies nowhere."""
+
+    def beside(self, name: str, what: str) -> bytes:
+        """Return the bytes of another file, which must lie in the same folder and be no link.
+
+        Raises
+        ------
+        FormatError
+            For a name that is not plain, or a file that is not there or not a regular one.
+        """
+        plain = name not in ("", ".", "..") and not set(name) & set("/\\\0")
+        if not plain or self.folder is None:
+            refuse(what, name, "the name of a file in the same folder")
+        path = self.folder / name
+        if path.is_symlink():
+            refuse(what, name, "a file, not a link to one")
+        try:
+            return open_source(path).data
+        except FormatError as error:
+            raise FormatError(f"{what}: {name}: {error}") from None
 
     def note(self, text: str) -> None:
         """Warn of something that was accepted though it is not as it should be."""
@@ -61,7 +81,7 @@ def open_source(path: str | Path) -> Source:
     except (OSError, ValueError) as error:
         raise FormatError(f"cannot be opened: {_reason(error)}") from None
     try:
-        return Source(str(path), _bytes(handle))
+        return Source(str(path), _bytes(handle), Path(path).parent)
     except OSError as error:
         raise FormatError(f"cannot be read: {_reason(error)}") from None
     finally:

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.formats.gate import Source
-    from porous.values import Compression, Material, Part
+    from porous.values import Held, Material, Part, Pressed, Step
 
-ELEMENTS = {"tet4": "C3D4", "hex8": "C3D8", "wed6": "C3D6", "tet10": "C3D10"}
+ELEMENTS = {"tet4": "C3D4", "hex8": "C3D8", "wed6": "C3D6", "tet10": "C3D10", "hex20": "C3D20"}
 """Element types; VTK's node order is CalculiX's for all of them."""
 
 READ = {
@@ -186,8 +186,12 @@ def write(value: Job | VolumeMesh) -> Iterator[bytes]:
     for key, part in mesh.parts.items():
         yield from _part(names[key], part, mesh)
     if job is not None:
-        yield _material(job.material)
-        yield from _step(job, names)
+        for name, material in job.materials.items():
+            yield _material(material, names[name])
+        if not job.steps:
+            yield _comment(f"no step: {job.why_no_step}")
+        for step in job.steps:
+            yield from _step(step, mesh, names)
 
 
 def _heading(job: Job | None, mesh: VolumeMesh) -> Iterator[bytes]:
@@ -227,6 +231,8 @@ def _elements(mesh: VolumeMesh) -> Iterator[bytes]:
 def _part(name: str, part: Part, mesh: VolumeMesh) -> Iterator[bytes]:
     if not len(part.members) or (name == SOLID and len(part.members) == mesh.cells):
         return
+    if part.kind == "pairs":
+        return
     if part.kind == "faces":
         yield _lines(f"*SURFACE, NAME={name}, TYPE=ELEMENT")
         for start in range(0, len(part.members), SLAB):
@@ -241,7 +247,7 @@ def _part(name: str, part: Part, mesh: VolumeMesh) -> Iterator[bytes]:
     yield from _rows(numbers[None, whole:] if whole < len(numbers) else numbers[None, :0])
 
 
-def _material(material: Material) -> bytes:
+def _material(material: Material, cells: str) -> bytes:
     name = _name(material.name)
     return _comment(material.source) + _lines(
         f"*MATERIAL, NAME={name}",
@@ -249,20 +255,20 @@ def _material(material: Material) -> bytes:
         f"{material.youngs_modulus:.9e}, {material.poissons_ratio:.9e}",
         "*DENSITY",
         f"{material.density:.9e}",
-        f"*SOLID SECTION, ELSET={SOLID}, MATERIAL={name}",
+        f"*SOLID SECTION, ELSET={cells}, MATERIAL={name}",
     )
 
 
-def _step(job: Job, names: dict[str, str]) -> Iterator[bytes]:
-    if job.step is None:
-        yield _comment(f"no step: {job.why_no_step}")
-        return
-    fixed = names[job.step.fixed]
-    yield _lines("*STEP", "*STATIC", "*BOUNDARY", f"{fixed}, 1, 3", "*DLOAD")
-    yield from _loads(job.mesh, job.step)
+def _step(step: Step, mesh: VolumeMesh, names: dict[str, str]) -> Iterator[bytes]:
+    yield _lines("*STEP", "*STATIC")
+    for held in step.held:
+        yield _held(held, names)
+    yield _lines("*DLOAD")
+    for pressed in step.pressed:
+        yield from _pressed(pressed, mesh)
+    for held in step.held:
+        yield _lines(f"*NODE PRINT, NSET={names[held.part]}, TOTALS=ONLY", "RF")
     yield _lines(
-        f"*NODE PRINT, NSET={fixed}, TOTALS=ONLY",
-        "RF",
         f"*EL PRINT, ELSET={SOLID}, TOTALS=ONLY",
         "ELSE, EVOL",
         "*NODE FILE",
@@ -273,11 +279,16 @@ def _step(job: Job, names: dict[str, str]) -> Iterator[bytes]:
     )
 
 
-def _loads(mesh: VolumeMesh, step: Compression) -> Iterator[bytes]:
-    faces = mesh.parts[step.loaded].members + 1
+def _held(held: Held, names: dict[str, str]) -> bytes:
+    first, last = min(held.components) + 1, max(held.components) + 1
+    return _lines("*BOUNDARY", f"{names[held.part]}, {first}, {last}")
+
+
+def _pressed(pressed: Pressed, mesh: VolumeMesh) -> Iterator[bytes]:
+    faces = mesh.parts[pressed.part].members + 1
     for start in range(0, len(faces), SLAB):
         yield "".join(
-            f"{cell}, P{face}, {step.pressure:.9e}\n"
+            f"{cell}, P{face}, {pressed.pressure:.9e}\n"
             for cell, face in faces[start : start + SLAB].tolist()
         ).encode()
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import MeshError
-from porous.values import Compression, Job
+from porous.values import Held, Job, Pressed, Step
 from porous.values.volume_topology import bodies, extracted
 
 if TYPE_CHECKING:
@@ -48,13 +48,20 @@ def compression(mesh: VolumeMesh, *, material: Material, pressure: float) -> Job
     if not math.isfinite(pressure):
         raise MeshError(f"pressure: got {pressure} MPa; wanted a number")
     title = f"static compression of {material.name}, {pressure:g} MPa on {LOADED}, {FIXED} held"
+    materials = {name: material for name in ("SOLID",) if name in mesh.parts}
     body = bodies(mesh)
     between = np.intersect1d(_on(mesh, body, FIXED), _on(mesh, body, LOADED))
     if len(between) != 1:
-        return Job(title, mesh, material, None, _why_not(mesh, body, len(between)))
+        why = _why_not(mesh, body, len(between))
+        return Job(title, mesh, materials, why_no_step=why)
     kept = body == between[0]
-    step = Compression(FIXED, f"{LOADED}_FACES", float(pressure))
-    return Job(title, extracted(mesh, kept), material, step, note=_left_out(body, kept))
+    step = Step(
+        "compression",
+        "static",
+        (Held(FIXED, "displacement", components=(0, 1, 2)),),
+        (Pressed(f"{LOADED}_FACES", float(pressure)),),
+    )
+    return Job(title, extracted(mesh, kept), materials, (step,), note=_left_out(body, kept))
 
 
 def _on(mesh: VolumeMesh, body: Indices, side: str) -> Indices:

@@ -279,7 +279,7 @@ class Work:
         if how is None or self.volume is None:
             return
         self.job = compression(self.volume, material=material(how.material), pressure=how.pressure)
-        if self.job.step is None:
+        if not self.job.steps:
             self.notes.append(f"no step in the deck: {self.job.why_no_step}")
         if self.job.note:
             self.notes.append(self.job.note)

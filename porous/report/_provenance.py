@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 from porous.recipe import dump
 from porous.report._agreement import number
 from porous.values import SurfaceMesh
+from porous.values.job import PROPERTIES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from porous.pipeline import Result
     from porous.stages import StreamedSurface
-    from porous.values import Frame, Job, Tiled, VolumeMesh
+    from porous.values import Frame, Job, Material, Tiled, VolumeMesh
 
 PACKAGES = ("porous", "numpy", "scipy", "numba", "scikit-image", "manifold3d", "pytetwild", "vtk")
 """Whose versions can change a number."""
@@ -124,11 +125,13 @@ def _of_volume(mesh: VolumeMesh) -> str:
 
 
 def _of_job(job: Job) -> str:
-    if job.step is None:
+    if not job.steps:
         return f"no step: {job.why_no_step}"
-    material, step = job.material, job.step
-    return (
-        f"static compression, {step.pressure:g} MPa on {step.loaded}, {step.fixed} fixed; "
-        f"{material.name}: E = {material.youngs_modulus:g} MPa, ν = {material.poissons_ratio:g}"
-        f"{'; ' if job.note else ''}{job.note}"
-    )
+    made_of = "; ".join(map(_of_material, job.materials.values()))
+    return f"{job.title}; {made_of}{'; ' if job.note else ''}{job.note}"
+
+
+def _of_material(material: Material) -> str:
+    known = {name: getattr(material, name) for name in PROPERTIES}
+    told = ", ".join(f"{n} = {v:g}" for n, v in known.items() if v is not None)
+    return f"{material.name}: {told} (mm, t, s, K)"

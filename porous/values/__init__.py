@@ -4,7 +4,7 @@ from porous.values.box import Box
 from porous.values.frame import Frame
 from porous.values.grid import VoxelGrid
 from porous.values.hex_mesh import HexMesh
-from porous.values.job import Compression, Job, Material
+from porous.values.job import Held, Job, Material, Pressed, Step
 from porous.values.measure import Measure, Measures
 from porous.values.pattern import CENTRE, FILL, Pattern
 from porous.values.surface import SurfaceMesh
@@ -17,8 +17,8 @@ __all__ = [
     "SHAPES",
     "Block",
     "Box",
-    "Compression",
     "Frame",
+    "Held",
     "HexMesh",
     "Job",
     "Material",
@@ -26,6 +26,8 @@ __all__ = [
     "Measures",
     "Part",
     "Pattern",
+    "Pressed",
+    "Step",
     "SurfaceMesh",
     "Tiled",
     "VolumeMesh",

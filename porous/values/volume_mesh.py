@@ -32,7 +32,11 @@ class Shape:
     nodes: int
     vtk: int
     faces: tuple[tuple[int, ...], ...]
-    """Local nodes of each face, counter-clockwise seen from outside."""
+    """Local corners of each face, counter-clockwise seen from outside."""
+    linear: str = ""
+    """Of a shape with nodes along its edges: the shape of its corners."""
+    edges: tuple[tuple[int, int], ...] = ()
+    """Local corners that each of the nodes beyond the corners lies between, in their order."""
 
     @property
     def table(self) -> NDArray[np.int64]:
@@ -40,33 +44,41 @@ class Shape:
         return np.array([(*face, *[-1] * (WIDTH - len(face))) for face in self.faces])
 
 
+TETRAHEDRON = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+TETRAHEDRON_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+HEXAHEDRON = (
+    (0, 3, 2, 1),
+    (4, 5, 6, 7),
+    (0, 1, 5, 4),
+    (1, 2, 6, 5),
+    (2, 3, 7, 6),
+    (3, 0, 4, 7),
+)
+HEXAHEDRON_EDGES = (
+    *((0, 1), (1, 2), (2, 3), (3, 0)),
+    *((4, 5), (5, 6), (6, 7), (7, 4)),
+    *((0, 4), (1, 5), (2, 6), (3, 7)),
+)
+
 SHAPES: Mapping[str, Shape] = MappingProxyType(
     {
-        "tet4": Shape(4, 10, ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))),
-        "hex8": Shape(
-            8,
-            12,
-            (
-                (0, 3, 2, 1),
-                (4, 5, 6, 7),
-                (0, 1, 5, 4),
-                (1, 2, 6, 5),
-                (2, 3, 7, 6),
-                (3, 0, 4, 7),
-            ),
-        ),
-        "tet10": Shape(10, 24, ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))),
+        "tet4": Shape(4, 10, TETRAHEDRON),
+        "hex8": Shape(8, 12, HEXAHEDRON),
+        "tet10": Shape(10, 24, TETRAHEDRON, "tet4", TETRAHEDRON_EDGES),
+        "hex20": Shape(20, 25, HEXAHEDRON, "hex8", HEXAHEDRON_EDGES),
         "wed6": Shape(6, 13, ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))),
     }
 )
-"""The elements there are. Nodes are in VTK's order and Abaqus', which are the same but for wedges:
-there in Abaqus', the first triangle seen from inside. Faces are numbered as CalculiX and Abaqus
-number S1, S2, …"""
+"""The elements there are, corners first. Nodes are in VTK's order and Abaqus', which are the same
+but for wedges: there in Abaqus', the first triangle seen from inside. Faces are numbered as
+CalculiX and Abaqus number S1, S2, …"""
 
 ADDRESS = "address"
 """The tag that a model's own cells bear: the place of each among all cells of its level."""
 
-PART_KINDS = ("nodes", "faces", "cells")
+PART_KINDS = ("nodes", "faces", "cells", "pairs")
+ROWS = MappingProxyType({"faces": "(n, 2), cell and local face", "pairs": "(n, 2), nodes"})
+"""Parts whose members are rows of two numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +96,11 @@ class Block(Value):
 
 @dataclass(frozen=True, eq=False)
 class Part(Value):
-    """A named set: of nodes (n,), of cells (n,), or of faces (n, 2) as (cell, local face)."""
+    """A named set: of nodes (n,), cells (n,), faces (n, 2) as (cell, local face), or pairs (n, 2).
+
+    Pairs are nodes of a body that goes on in copies of itself: the second of each lies one
+    period on from the first, and the period is the same for all pairs of a part.
+    """
 
     kind: str
     members: NDArray[np.int64]
@@ -93,12 +109,9 @@ class Part(Value):
         if self.kind not in PART_KINDS:
             raise MeshError(f"part: got kind {self.kind!r}; wanted one of {PART_KINDS}")
         self._set("members", frozen_whole(self.members, np.int64, "part", MeshError))
-        wanted = (2,) if self.kind == "faces" else ()
-        if self.members.shape[1:] != wanted or not self.members.ndim:
-            raise MeshError(
-                f"part of {self.kind}: got shape {self.members.shape}; "
-                f"wanted {'(n, 2), cell and local face' if wanted else '(n,)'}"
-            )
+        told = ROWS.get(self.kind, "(n,)")
+        if self.members.shape[1:] != ((2,) if self.kind in ROWS else ()) or not self.members.ndim:
+            raise MeshError(f"part of {self.kind}: got shape {self.members.shape}; wanted {told}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +127,7 @@ class VolumeMesh(Value):
     cell_tags
         Integer arrays, one number per cell: phase, body, …
     parts
-        Named sets: nodes as ``"XMIN"``, faces as ``"XMIN_FACES"``.
+        Named sets: nodes as ``"XMIN"``, faces as ``"XMIN_FACES"``, pairs as ``"XPAIRS"``.
     unit
         Unit of length.
 
@@ -150,7 +163,7 @@ class VolumeMesh(Value):
 
     def _check_parts(self) -> None:
         for name, part in self.parts.items():
-            limit = len(self.points) if part.kind == "nodes" else self.cells
+            limit = len(self.points) if part.kind in ("nodes", "pairs") else self.cells
             first = part.members[:, 0] if part.kind == "faces" else part.members
             if first.size and not 0 <= first.min() <= first.max() < limit:
                 raise MeshError(
@@ -208,5 +221,6 @@ _VOLUMES: Mapping[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
     "tet4": _tet_volumes,
     "tet10": _tet_volumes,
     "hex8": partial(_fan_volumes, shape="hex8"),
+    "hex20": partial(_fan_volumes, shape="hex20"),
     "wed6": partial(_fan_volumes, shape="wed6"),
 }

@@ -161,5 +161,6 @@ def _cut(part: Part, node: Indices, cell: Indices) -> Part:
     if part.kind == "faces":
         renamed = np.column_stack([cell[members[:, 0]], members[:, 1]])
         return Part("faces", renamed[renamed[:, 0] >= 0])
-    renamed = (node if part.kind == "nodes" else cell)[members]
-    return Part(part.kind, renamed[renamed >= 0])
+    renamed = (cell if part.kind == "cells" else node)[members]
+    kept = (renamed >= 0).reshape(len(renamed), -1).all(axis=1)
+    return Part(part.kind, renamed[kept])
