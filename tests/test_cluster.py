@@ -446,6 +446,7 @@ def test_the_scheduler_dies(tmp_path, capfd):
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_a_task_is_blamed_in_the_end_but_not_at_once(tmp_path):
     (tmp_path / "deaths").mkdir()
     with Cluster.connect("local:2", patience=60) as cluster:

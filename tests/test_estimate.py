@@ -284,21 +284,29 @@ CUBES = {"surface.method": "marching-cubes"}
             {"voxels.voxels": 20, "model.level": 1},
             None,
         ),
-        (
+        pytest.param(
             "menger",
             {"model.level": 3, "voxels.voxels": 120},
             {"voxels.voxels": 20, "model.level": 1},
             None,
+            marks=pytest.mark.nightly,
         ),
-        (
+        pytest.param(
             "menger",
             {"model.level": 4, "voxels.voxels": 200, **CUBES},
             {"voxels.voxels": 20, "model.level": 1},
             "measures",
+            marks=pytest.mark.nightly,
         ),
         ("menger", {"model.level": 3, "voxels.voxels": 420}, {"voxels.voxels": 20}, "voxels"),
         ("sierpinski-tetrahedron", {"voxels.voxels": 420}, {"voxels.voxels": 20}, "measures"),
-        ("menger-bent", {"voxels.voxels": 600}, {"voxels.voxels": 20}, "measures"),
+        pytest.param(
+            "menger-bent",
+            {"voxels.voxels": 600},
+            {"voxels.voxels": 20},
+            "measures",
+            marks=pytest.mark.nightly,
+        ),
         ("koch-cube", {"voxels.voxels": 200}, {"voxels.voxels": 20}, "measures"),
         ("fern", {"voxels.spacing": 0.04}, {"voxels.spacing": 0.3}, "measures"),
     ],

@@ -105,7 +105,17 @@ def test_topology_on_random_grids(make):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("make", "count"), [(binary, 1000), (grey, 1000), (barely, 300)])
+@pytest.mark.parametrize(
+    ("make", "count"),
+    [
+        (binary, 200),
+        (grey, 200),
+        (barely, 100),
+        pytest.param(binary, 1000, marks=pytest.mark.nightly),
+        pytest.param(grey, 1000, marks=pytest.mark.nightly),
+        pytest.param(barely, 300, marks=pytest.mark.nightly),
+    ],
+)
 def test_topology_on_a_thousand_random_grids(make, count, crossing_triangles):
     for seed in range(1000, 1000 + count):
         fill = make(seed, SHAPE if seed % 20 == 0 else SMALL)

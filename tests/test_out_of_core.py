@@ -343,7 +343,8 @@ def test_who_interrupts_is_told_what_stays(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_killed_again_and_again(tmp_path):
+@pytest.mark.parametrize("trials", [4, pytest.param(12, marks=pytest.mark.nightly)])
+def test_killed_again_and_again(tmp_path, trials):
     """Killed at any time, resumed and killed again: in the end the bytes of an undisturbed run."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     begin = time.monotonic()
@@ -354,7 +355,7 @@ def test_killed_again_and_again(tmp_path):
     usual = time.monotonic() - begin
     wanted = lasting(whole)
     struck = 0
-    for trial in range(12):
+    for trial in range(trials):
         begun = (killed / workspace.UNFINISHED).exists()
         what = ("resume", killed) if begun else ("make", *MAKE, "--out-of-core", "-o", killed)
         child = subprocess.Popen(
@@ -362,7 +363,7 @@ def test_killed_again_and_again(tmp_path):
             stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         try:
-            child.wait(usual * (0.3 + 0.05 * trial))
+            child.wait(usual * (0.3 + 0.6 / trials * trial))
         except subprocess.TimeoutExpired:
             os.killpg(child.pid, signal.SIGKILL)
             struck += 1

@@ -13,6 +13,10 @@ ANALYSIS = Path(__file__).parent.parent / "analysis"
 STUDIES = sorted(ANALYSIS.glob("*.py"))
 RESULTS = sorted((ANALYSIS / "results").glob("*.csv"))
 
+LONG = ("02_surface_speed", "05_cell_mesh_speed", "06_voxel_speed", "07_store_faults")
+LONG += ("08_larger_than_memory",)
+"""Studies that take long even in their short form."""
+
 each_study = pytest.mark.parametrize("study", STUDIES, ids=lambda p: p.stem)
 
 
@@ -175,7 +179,14 @@ def assert_voxels_are_fast(rows):
 
 
 @pytest.mark.slow
-@each_study
+@pytest.mark.parametrize(
+    "study",
+    [
+        pytest.param(path, marks=[pytest.mark.nightly] if path.stem in LONG else [])
+        for path in STUDIES
+    ],
+    ids=lambda path: path.stem,
+)
 def test_a_study_runs(study, tmp_path, judge):
     if study.stem == "10_support_tree":
         judge("ccx")
