@@ -1,4 +1,4 @@
-"""Names for the parts of a mesh: the six sides of its box, its skin, its walls, its solid."""
+"""Names for the parts of a mesh: the six sides of its box, its skin, its walls, its phases."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import MeshError
+from porous.stages._hexahedralize import PHASE
 from porous.values import Part, VolumeMesh
 from porous.values.box import SIDES
-from porous.values.volume_topology import boundary_faces, nodes_of
+from porous.values.volume_topology import faces, matched
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,10 +35,15 @@ def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> V
     ``ZMAX_FACES`` the boundary faces that lie in it; ``SKIN`` are the boundary faces on any side,
     ``WALL`` all the others, ``SOLID`` every cell. Sides that the mesh does not reach have no part.
 
+    Of a mesh with the tag ``"phase"`` ``SOLID`` are the cells where it is 1 and ``PORE`` those
+    where it is 0. One of both has no walls: all its boundary is ``SKIN``, and ``INTERFACE`` are
+    the faces of solid cells behind which there are pores.
+
     Parameters
     ----------
     mesh
-        Parts it has are kept, but for those of the same names.
+        Parts it has are kept, but for those of the same names. Nodes in the middle of edges are
+        of no side; ``quadratic`` gives them to the sides of the corners.
     box
         In the mesh's unit.
     tolerance
@@ -51,11 +57,14 @@ def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> V
     """
     if not 0 <= tolerance < 0.5:
         raise MeshError(f"tolerance: got {tolerance}; wanted a number from 0 to less than 0.5")
-    faces = boundary_faces(mesh)
-    nodes = nodes_of(mesh, faces)
+    every = faces(mesh)
+    first, second = matched(every)
+    outer = np.ones(len(every.members), dtype=bool)
+    outer[first] = outer[second] = False
+    members, nodes = every.members[outer], every.nodes[outer]
     reach = np.minimum(tolerance * max(box.lengths), NEAR * _cell_extent(mesh))
     parts: dict[str, Part] = {}
-    skin = np.zeros(len(faces), dtype=bool)
+    skin = np.zeros(len(members), dtype=bool)
     for index, side in enumerate(SIDES):
         axis, end = divmod(index, 2)
         level = (box.lower, box.upper)[end][axis]
@@ -63,13 +72,24 @@ def name_parts(mesh: VolumeMesh, box: Box, *, tolerance: float = TOLERANCE) -> V
         inside = (on[nodes] | (nodes < 0)).all(axis=1)
         skin |= inside
         parts[side] = Part("nodes", np.flatnonzero(on & _touched(mesh, nodes)))
-        parts[f"{side}_FACES"] = Part("faces", faces[inside])
-    parts["SKIN"] = Part("faces", faces[skin])
-    parts["WALL"] = Part("faces", faces[~skin])
-    parts["SOLID"] = Part("cells", np.arange(mesh.cells))
+        parts[f"{side}_FACES"] = Part("faces", members[inside])
+    phases = mesh.cell_tags.get(PHASE, np.ones(mesh.cells, np.int64))
+    skin |= len(np.unique(phases)) > 1
+    parts["SKIN"] = Part("faces", members[skin])
+    parts["WALL"] = Part("faces", members[~skin])
+    parts["SOLID"] = Part("cells", np.flatnonzero(phases == 1))
+    parts["PORE"] = Part("cells", np.flatnonzero(phases == 0))
+    parts["INTERFACE"] = Part("faces", _interface(every.members, (first, second), phases))
     found = {name: part for name, part in parts.items() if len(part.members)}
     kept = {name: part for name, part in mesh.parts.items() if name not in parts}
     return VolumeMesh(mesh.points, mesh.blocks, mesh.cell_tags, {**kept, **found}, mesh.unit)
+
+
+def _interface(members: Indices, pairs: tuple[Indices, Indices], phases: Indices) -> Indices:
+    """Return the faces of cells of phase 1 whose other side is of phase 0, in order."""
+    phase = phases[members[:, 0]]
+    a, b = (np.concatenate([pairs[i], pairs[1 - i]]) for i in (0, 1))
+    return np.asarray(members[np.sort(a[(phase[a] == 1) & (phase[b] == 0)])])
 
 
 def _cell_extent(mesh: VolumeMesh) -> NDArray[np.float64]:
