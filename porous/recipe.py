@@ -1,7 +1,8 @@
 """TOML ⇄ Recipe: what a recipe may say, and what is wrong with one that cannot be understood.
 
 A recipe is data, never code: nothing is evaluated, unknown keys are errors that name the nearest
-known one. The ``[model]`` section belongs to the file in ``porous/models`` that its kind names.
+known one. The ``[model]`` section belongs to the file in ``porous/models`` that its kind names, the
+``[simulation]`` section to the file in ``porous/jobs`` that its analysis names.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -27,12 +27,11 @@ from pydantic import (
     InstanceOf,
     SerializeAsAny,
     ValidationError,
-    field_validator,
     model_validator,
 )
 
 import porous.models
-from porous import presets
+from porous import jobs, presets
 from porous.errors import RecipeError, nearest
 from porous.toml import parse_value, read_table, render_table, shown
 
@@ -53,12 +52,6 @@ class Section(BaseModel):
     """A table of a recipe: frozen, strict about types, no unknown keys, no NaN."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-def _some(value: float) -> float:
-    if not value:
-        raise ValueError("wanted a number but zero, for no load makes no step")
-    return value
 
 
 def _triple(value: object) -> object:
@@ -162,14 +155,6 @@ class SimulationSection(Section):
         default=1.0, description="a number but zero: the pressure on ZMAX, in MPa"
     )
 
-    @field_validator("material")
-    @classmethod
-    def _known_material(cls, name: str) -> str:
-        there = presets.material_names()
-        if name not in there:
-            raise ValueError(f"no material {name!r}{nearest(name, there)}")
-        return name
-
 
 class Expected(Section):
     """What a measure is to be, give or take."""
@@ -192,7 +177,9 @@ class Recipe(Section):
     voxels: VoxelsSection = Field(default=VoxelsSection(), description="a table [voxels]")
     surface: SurfaceSection = Field(default=SurfaceSection(), description="a table [surface]")
     volume: VolumeSection = Field(default=VolumeSection(), description="a table [volume]")
-    simulation: SimulationSection | None = Field(default=None, description="a table [simulation]")
+    simulation: SerializeAsAny[InstanceOf[SimulationSection]] | None = Field(
+        default=None, description="a table [simulation]"
+    )
     expect: dict[str, Expected] = Field(
         default_factory=dict, description="a table [expect] of measures"
     )
@@ -228,6 +215,7 @@ def load(recipe: str | Path, *, set: Mapping[str, object] | None = None) -> Reci
         table.pop("expect", None)
     return parse(table, name=str(path), folder=path.parent)
 
+    _forget(table, (set or {}).get("simulation.analysis"))
 
 def find(recipe: str | Path) -> Path:
     """Return where the recipe lies that a preset's name or a path means."""
@@ -235,6 +223,13 @@ def find(recipe: str | Path) -> Path:
     is_path = isinstance(recipe, Path) or text.endswith(presets.SUFFIX) or "/" in text
     if is_path or (text not in presets.names() and Path(text).exists()):
         return Path(recipe)
+def _forget(table: dict[str, Any], analysis: object) -> None:
+    """Drop what another analysis than the recipe's own knows nothing of."""
+    section, there = jobs.sections().get(str(analysis)), table.get("simulation")
+    if section is not None and isinstance(there, dict):
+        table["simulation"] = {k: v for k, v in there.items() if k in section.model_fields}
+
+
     return presets.path_of(text)
 
 
@@ -267,6 +262,8 @@ def parse(table: Mapping[str, Any], *, name: str = "recipe", folder: Path | None
 
 
 def build(recipe: Recipe) -> Model:
+    if "simulation" in content:
+        content["simulation"] = _simulation(content["simulation"], folder or Path(), name)
     """Return the model that a recipe describes.
 
     Raises
@@ -290,14 +287,15 @@ def dump(recipe: Recipe) -> str:
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of recipes, with the models of every kind."""
     result = Recipe.model_json_schema(mode="serialization")
-    definitions = result.setdefault("$defs", {})
-    choices = []
-    for kind, section in sections().items():
-        part = section.model_json_schema(ref_template="#/$defs/{model}")
-        definitions.update(part.pop("$defs", {}))
-        definitions[f"model_{kind}"] = part
-        choices.append({"$ref": f"#/$defs/model_{kind}"})
-    result["properties"]["model"] = {"oneOf": choices}
+    for place, choices in (("model", sections()), ("simulation", jobs.sections())):
+        one_of = []
+        for name, section in choices.items():
+            part = section.model_json_schema(ref_template="#/$defs/{model}")
+            definitions = result.setdefault("$defs", {})
+            definitions.update(part.pop("$defs", {}))
+            definitions[f"{place}_{name}"] = part
+            one_of.append({"$ref": f"#/$defs/{place}_{name}"})
+        result["properties"][place] = {"oneOf": one_of}
     return result
 
 
@@ -315,6 +313,26 @@ def section_of(table: Mapping[str, Any], name: str) -> type[BaseModel]:
     if not isinstance(kind, str) or kind not in sections():
         got = f"unknown kind {shown(kind)}" if "kind" in table else "missing"
         raise RecipeError(f"{name}: model.kind: {got}; there is {', '.join(sections())}")
+def analysis_of(table: Mapping[str, Any], name: str) -> type[SimulationSection]:
+    """Return the section class of a ``[simulation]`` table, or raise ``RecipeError``."""
+    analysis = table.get("analysis", jobs.DEFAULT)
+    if not isinstance(analysis, str) or analysis not in jobs.sections():
+        wanted = ", ".join(f'"{one}"' for one in jobs.sections())
+        raise RecipeError(
+            f"{name}: simulation.analysis: got {shown(analysis)}; wanted one of {wanted}"
+        )
+    return jobs.sections()[analysis]
+
+
+def _simulation(table: object, folder: Path, name: str) -> BaseModel:
+    if not isinstance(table, dict):
+        got = shown(table)
+        raise RecipeError(f"{name}: simulation: got {got}; wanted a table [simulation]")
+    section = analysis_of(table, name)
+    _resolve_files(table, section, folder, name, "simulation")
+    return _validated(section, table, name, ("simulation",))
+
+
     return sections()[kind]
 
 
@@ -407,6 +425,8 @@ def _resolve_files(
 
 def _resolved(value: str, folder: Path, where: str) -> Path:
     for place in (folder / value, presets.folder() / value):
+        if str in kinds and not str(value).endswith(presets.SUFFIX):
+            continue  # a name among the presets
         with contextlib.suppress(OSError, ValueError):  # a name too long, a null character
             if place.is_file():
                 return place.resolve()
@@ -415,7 +435,10 @@ def _resolved(value: str, folder: Path, where: str) -> Path:
 
 def files(recipe: Recipe) -> dict[str, Path]:
     """Return the files that a recipe reads, by key path."""
-    return dict(_files_in(recipe.model, "model"))
+    found = dict(_files_in(recipe.model, "model"))
+    if recipe.simulation is not None:
+        found |= _files_in(recipe.simulation, "simulation")
+    return found
 
 
 def _files_in(section: BaseModel, path: str) -> Iterable[tuple[str, Path]]:

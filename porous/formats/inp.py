@@ -338,4 +338,5 @@ FORMAT = Format(
     read=read,
     writes=(Job, VolumeMesh),
     write=write,
+    procedures=("static",),
 )

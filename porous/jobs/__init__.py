@@ -1,6 +1,22 @@
-"""What is simulated: an analysis makes a job of a mesh; materials come from presets."""
+"""What is simulated: an analysis makes a job of a mesh; materials come from presets.
 
+An analysis is one file ``_<analysis>.py`` of this folder, and nothing else anywhere. It holds its
+table of a recipe, a ``SimulationSection`` with ``analysis: Literal["<analysis>"]``, and::
+
+    def prepare(mesh: VolumeMesh, section: ItsSection) -> Job: ...
+"""
+
+from porous.jobs._analyses import DEFAULT, prepare, sections
 from porous.jobs._compression import compression
 from porous.jobs._material import material
+from porous.jobs._section import SimulationSection, TwoPhaseSection
 
-__all__ = ["compression", "material"]
+__all__ = [
+    "DEFAULT",
+    "SimulationSection",
+    "TwoPhaseSection",
+    "compression",
+    "material",
+    "prepare",
+    "sections",
+]

@@ -273,12 +273,12 @@ class Work:
         return name_parts(mesh, self.model.domain)
 
     def prepare_job(self) -> None:
-        from porous.jobs import compression, material
+        from porous.jobs import prepare
 
         how = self.recipe.simulation
         if how is None or self.volume is None:
             return
-        self.job = compression(self.volume, material=material(how.material), pressure=how.pressure)
+        self.job = prepare(self.volume, how)
         if not self.job.steps:
             self.notes.append(f"no step in the deck: {self.job.why_no_step}")
         if self.job.note:

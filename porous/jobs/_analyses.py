@@ -1,0 +1,71 @@
+"""Which analyses there are: the folder is listed, nothing is registered."""
+
+from __future__ import annotations
+
+import pkgutil
+from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, get_args
+
+from porous.errors import MeshError
+from porous.jobs._section import SimulationSection
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from porous.values import Job, VolumeMesh
+
+DEFAULT = "compression"
+"""What is meant where a recipe does not name its analysis."""
+
+
+@cache
+def sections() -> Mapping[str, type[SimulationSection]]:
+    """Return the ``[simulation]`` sections there are, by the analysis that each is of."""
+    names = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parent)]))
+    found = {name[1:]: _section_in(name) for name in names}
+    return MappingProxyType({name: section for name, section in found.items() if section})
+
+
+def prepare(mesh: VolumeMesh, section: SimulationSection) -> Job:
+    """Return the job of an analysis on a mesh.
+
+    Parameters
+    ----------
+    mesh
+        With the parts that the analysis speaks of; in any unit.
+    section
+        One of ``sections()``, filled in.
+
+    Returns
+    -------
+    Its mesh holds what bears load only; where nothing does it has no step and says why.
+
+    Raises
+    ------
+    MeshError
+        For a mesh without cells or without a part that is asked for; for a material that lacks
+        what the analysis needs.
+    RecipeError
+        For a material that is not there or cannot be understood.
+    """
+    if not mesh.cells:
+        raise MeshError(f"{_analysis(section)}: the mesh has no cells")
+    job: Job = import_module(f"porous.jobs._{_analysis(section)}").prepare(mesh, section)
+    return replace(job, system=section.units)
+
+
+def _analysis(section: SimulationSection) -> str:
+    return str(section.analysis)  # type: ignore[attr-defined]
+
+
+def _section_in(module: str) -> type[SimulationSection] | None:
+    for value in vars(import_module(f"porous.jobs.{module}")).values():
+        if isinstance(value, type) and issubclass(value, SimulationSection):
+            field = value.model_fields.get("analysis")
+            if field is not None and get_args(field.annotation) == (module[1:],):
+                return value
+    return None
