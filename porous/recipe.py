@@ -33,6 +33,7 @@ from pydantic import (
 import porous.models
 from porous import jobs, presets
 from porous.errors import RecipeError, nearest
+from porous.jobs import SimulationSection  # noqa: TC001  (pydantic reads it)
 from porous.toml import parse_value, read_table, render_table, shown
 
 if TYPE_CHECKING:
@@ -143,16 +144,6 @@ class VolumeSection(Section):
         default=None,
         gt=0,
         description="the wanted edge length of a tetrahedron, above zero, in unit",
-    )
-
-
-class SimulationSection(Section):
-    """What the deck does."""
-
-    analysis: Literal["compression"] = Field(default="compression", description='"compression"')
-    material: str = Field(default="steel", description="the name of a material")
-    pressure: Annotated[float, AfterValidator(_some)] = Field(
-        default=1.0, description="a number but zero: the pressure on ZMAX, in MPa"
     )
 
 
