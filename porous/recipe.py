@@ -200,20 +200,14 @@ def load(recipe: str | Path, *, set: Mapping[str, object] | None = None) -> Reci
     """
     path = find(recipe)
     table = read_table(path)
+    _forget(table, (set or {}).get("simulation.analysis"))
     for key, value in (set or {}).items():
         _put(table, key, value)
     if set and not any(key.startswith("expect.") for key in set):
         table.pop("expect", None)
     return parse(table, name=str(path), folder=path.parent)
 
-    _forget(table, (set or {}).get("simulation.analysis"))
 
-def find(recipe: str | Path) -> Path:
-    """Return where the recipe lies that a preset's name or a path means."""
-    text = str(recipe)
-    is_path = isinstance(recipe, Path) or text.endswith(presets.SUFFIX) or "/" in text
-    if is_path or (text not in presets.names() and Path(text).exists()):
-        return Path(recipe)
 def _forget(table: dict[str, Any], analysis: object) -> None:
     """Drop what another analysis than the recipe's own knows nothing of."""
     section, there = jobs.sections().get(str(analysis)), table.get("simulation")
@@ -221,6 +215,12 @@ def _forget(table: dict[str, Any], analysis: object) -> None:
         table["simulation"] = {k: v for k, v in there.items() if k in section.model_fields}
 
 
+def find(recipe: str | Path) -> Path:
+    """Return where the recipe lies that a preset's name or a path means."""
+    text = str(recipe)
+    is_path = isinstance(recipe, Path) or text.endswith(presets.SUFFIX) or "/" in text
+    if is_path or (text not in presets.names() and Path(text).exists()):
+        return Path(recipe)
     return presets.path_of(text)
 
 
@@ -247,14 +247,14 @@ def parse(table: Mapping[str, Any], *, name: str = "recipe", folder: Path | None
     section = section_of(content["model"], name)
     _resolve_files(content["model"], section, folder or Path(), name, "model")
     content["model"] = _validated(section, content["model"], name, ("model",))
+    if "simulation" in content:
+        content["simulation"] = _simulation(content["simulation"], folder or Path(), name)
     recipe = _validated(Recipe, content, name, ())
     assert isinstance(recipe, Recipe)
     return _settled(recipe, name)
 
 
 def build(recipe: Recipe) -> Model:
-    if "simulation" in content:
-        content["simulation"] = _simulation(content["simulation"], folder or Path(), name)
     """Return the model that a recipe describes.
 
     Raises
@@ -298,12 +298,6 @@ def sections() -> Mapping[str, type[BaseModel]]:
     return MappingProxyType({kind: section for kind, section in found.items() if section})
 
 
-def section_of(table: Mapping[str, Any], name: str) -> type[BaseModel]:
-    """Return the section class of a ``[model]`` table, or raise ``RecipeError`` listing kinds."""
-    kind = table.get("kind")
-    if not isinstance(kind, str) or kind not in sections():
-        got = f"unknown kind {shown(kind)}" if "kind" in table else "missing"
-        raise RecipeError(f"{name}: model.kind: {got}; there is {', '.join(sections())}")
 def analysis_of(table: Mapping[str, Any], name: str) -> type[SimulationSection]:
     """Return the section class of a ``[simulation]`` table, or raise ``RecipeError``."""
     analysis = table.get("analysis", jobs.DEFAULT)
@@ -324,6 +318,12 @@ def _simulation(table: object, folder: Path, name: str) -> BaseModel:
     return _validated(section, table, name, ("simulation",))
 
 
+def section_of(table: Mapping[str, Any], name: str) -> type[BaseModel]:
+    """Return the section class of a ``[model]`` table, or raise ``RecipeError`` listing kinds."""
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in sections():
+        got = f"unknown kind {shown(kind)}" if "kind" in table else "missing"
+        raise RecipeError(f"{name}: model.kind: {got}; there is {', '.join(sections())}")
     return sections()[kind]
 
 
@@ -410,14 +410,14 @@ def _resolve_files(
         for part in _models_in(field.annotation if field else None):
             _resolve_files(value, part, folder, name, f"{path}.{key}")
         kinds = (field.annotation, *get_args(field.annotation)) if field else ()
+        if str in kinds and not str(value).endswith(presets.SUFFIX):
+            continue  # a name among the presets
         if Path in kinds and isinstance(value, str):
             table[key] = str(_resolved(value, folder, f"{name}: {path}.{key}"))
 
 
 def _resolved(value: str, folder: Path, where: str) -> Path:
     for place in (folder / value, presets.folder() / value):
-        if str in kinds and not str(value).endswith(presets.SUFFIX):
-            continue  # a name among the presets
         with contextlib.suppress(OSError, ValueError):  # a name too long, a null character
             if place.is_file():
                 return place.resolve()
