@@ -34,6 +34,7 @@ import porous.models
 from porous import jobs, presets
 from porous.errors import RecipeError, nearest
 from porous.jobs import SimulationSection  # noqa: TC001  (pydantic reads it)
+from porous.models.sections import BoxSection
 from porous.toml import parse_value, read_table, render_table, shown
 
 if TYPE_CHECKING:
@@ -134,6 +135,14 @@ class SurfaceSection(Section):
         return self
 
 
+class FinerSection(BoxSection):
+    """Where tetrahedra are to be smaller: a box and the edge length in it."""
+
+    edge_length: float = Field(
+        gt=0, description="the wanted edge length in this box, above zero, in unit"
+    )
+
+
 class VolumeSection(Section):
     """Where the volume mesh comes from."""
 
@@ -144,6 +153,12 @@ class VolumeSection(Section):
         default=None,
         gt=0,
         description="the wanted edge length of a tetrahedron, above zero, in unit",
+    )
+    finer: Annotated[tuple[FinerSection, ...], Field(strict=False)] = Field(
+        default=(), description="tables [[volume.finer]] with lower, upper and edge_length"
+    )
+    time_limit: float | None = Field(
+        default=None, gt=0, description="what a mesher may take at most, above zero, in seconds"
     )
 
 

@@ -1,17 +1,22 @@
 """Tetrahedra of closed surfaces: volume, quality, refusals before the mesher starts, its death."""
 
 import itertools
+import tomllib
 
 import numpy as np
 import pytest
 import systems
 
-from porous.errors import Cancelled, GuestError, MeshError
+from porous import load, run
+from porous.errors import Cancelled, GuestError, MeshError, RecipeError
 from porous.guests import tetwild
+from porous.guests.tetwild import signed_volumes
 from porous.models.boundary import exact_boundary
 from porous.models.primitive import named
-from porous.stages import tetrahedralize
-from porous.values import SurfaceMesh
+from porous.recipe import dump, parse
+from porous.stages import Finer, tetrahedralize
+from porous.stages._sizing import background
+from porous.values import Box, SurfaceMesh
 from porous.values.volume_topology import bodies
 
 CUBE = named("cube").surface("um")
@@ -60,6 +65,93 @@ def test_a_box_of_unequal_edges(tmp_path, monkeypatch):
 def test_shorter_edges_make_more_cells():
     coarse, fine = (tetrahedralize(CUBE, edge_length=e).cells for e in (0.6, 0.1))
     assert fine > 2 * coarse
+
+
+# --- how fine where ------------------------------------------------------------------------
+
+BAR = SurfaceMesh(CUBE.points * [4.0, 1.0, 1.0], CUBE.triangles)
+
+
+def edges(mesh):
+    """Return the middles (n, 3) and the lengths (n,) of the edges of tetrahedra."""
+    pairs = [mesh.blocks[0].cells[:, list(ends)] for ends in itertools.combinations(range(4), 2)]
+    ends = mesh.points[np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)]
+    return ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+@pytest.mark.parametrize("scale", [1.0, 10.0])
+def test_edges_follow_the_field(scale):
+    def wanted(points):
+        return np.clip(0.25 * points[:, 0], 0.15 * scale, 0.5 * scale)
+
+    bar = SurfaceMesh(BAR.points * scale, BAR.triangles)
+    mesh = tetrahedralize(bar, sizing=wanted)
+    assert mesh.volumes.sum() == pytest.approx(4 * scale**3, rel=1e-3)
+    middle, length = edges(mesh)
+    for x in (0.3, 1.0, 1.5):
+        near = np.abs(middle[:, 0] / scale - x) < 0.3
+        assert length[near].mean() / wanted(middle[near]).mean() == pytest.approx(1, abs=0.25)
+
+
+def test_boxes_are_finer_than_the_rest():
+    finer = [Finer(Box((0, 0, 0), (0.8, 1, 1)), 0.15), Finer(Box((3.5, 0, 0), (4, 1, 1)), 0.2)]
+    mesh = tetrahedralize(BAR, edge_length=0.45, sizing=finer)
+    middle, length = edges(mesh)
+    mean = [length[(middle[:, 0] > a) & (middle[:, 0] < b)].mean() for a, b in SECTIONS]
+    assert mean[0] == pytest.approx(0.15, rel=0.2)
+    assert mean[1] > 1.6 * mean[0]
+    assert mean[2] == pytest.approx(0.2, rel=0.25)
+    assert smallest_dihedral(mesh) > 8
+
+
+SECTIONS = ((0, 0.8), (1.8, 2.6), (3.5, 4))
+
+
+def test_the_lattice_fills_the_box_and_has_the_fields_values():
+    box, part = Box((1, 2, 3), (2, 4, 6)), Finer(Box((1, 2, 3), (1.01, 2.02, 3.03)), 0.02)
+    field = background([part], box, edge_length=0.4)
+    around = Box.of_points(field.points)
+    assert around.contains(box.grown(0.4))
+    volumes = signed_volumes(field.points, field.tets)
+    assert (volumes > 0).all()
+    assert volumes.sum() == pytest.approx(around.volume)
+    inside = ((field.points >= part.box.lower) & (field.points <= part.box.upper)).all(axis=1)
+    assert inside.sum() >= 8  # its corners at least, though it is smaller than a cell
+    assert (field.lengths[inside] == 0.02).all()
+    assert field.lengths.max() == 0.4
+    assert len(field.tets) < 200_000
+
+
+@pytest.mark.usefixtures("no_guest")
+def test_fields_that_are_none_are_refused():
+    for field in (lambda p: -p[:, 0], lambda p: p, lambda p: np.full(len(p), np.nan)):
+        with pytest.raises(MeshError, match="sizing: got"):
+            tetrahedralize(CUBE, sizing=field)
+    with pytest.raises(MeshError, match="edge_length"):
+        Finer(CUBE.box, 0.0)
+
+
+def test_a_recipe_says_how_fine_where_and_for_how_long(monkeypatch):
+    table = {"model.level": 0, "volume.edge_length": 0.5, "volume.time_limit": 33.5}
+    finer = [{"lower": [0, 0, 0], "upper": [1, 0.2, 0.2], "edge_length": 0.1}]
+    recipe = load("menger", set=table | {"volume.finer": finer, "volume.method": "tetwild"})
+    assert parse(tomllib.loads(dump(recipe))) == recipe
+    asked = {}
+
+    def run_guest(_command, *, folder, time_limit, **_):
+        asked["limit"] = time_limit
+        with np.load(folder / "in.npz") as given:
+            asked.update({key: given[key] for key in given})
+        raise GuestError("enough")
+
+    monkeypatch.setattr(tetwild, "run", run_guest)
+    with pytest.raises(GuestError, match="enough"):
+        run(recipe)
+    assert 33 < asked["limit"] <= 33.5
+    assert asked["bg_values"].min() == 0.1
+    assert asked["edge_length_abs"] == asked["bg_values"].max() == 0.5
+    with pytest.raises(RecipeError, match=r"volume\.finer\.0\.edge_length"):
+        load("menger", set={"volume.finer": [finer[0] | {"edge_length": -1}]})
 
 
 def test_solids_that_touch_share_no_nodes():

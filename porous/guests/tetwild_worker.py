@@ -14,16 +14,23 @@ from typing import Any
 
 import numpy as np
 
+FIELD = {"bg_vertices": np.float64, "bg_tets": np.int32, "bg_values": np.float64}
+"""A field of wanted edge lengths, in the surface's own unit, linear in each tetrahedron."""
+
 
 def main(source: str, target: str) -> None:
     """Mesh the surface in ``source`` and write ``points`` and ``tets`` to ``target``."""
     with np.load(source, allow_pickle=False) as given:
         points, triangles = given["points"], given["triangles"]
-        options = {
+        options: dict[str, Any] = {
             key: float(given[key])
             for key in ("edge_length_abs", "epsilon", "stop_energy")
             if key in given
         }
+        options["disable_filtering"] = bool(given["disable_filtering"])
+        for key, dtype in FIELD.items():
+            if key in given:
+                options[key] = np.array(given[key], dtype=dtype)
         # Should nobody be left to end this process, the kernel does.
         signal.alarm(math.ceil(float(given["time_limit"])) + 10)
     engine: Any = importlib.import_module("pytetwild")

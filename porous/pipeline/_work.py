@@ -233,7 +233,7 @@ class Work:
 
     def _tetrahedra(self, *, required: bool) -> VolumeMesh | None:
         """Return the mesh, or None where nobody insists on it and it is too much or fails."""
-        from porous.stages import name_parts, tetrahedralize
+        from porous.stages import Finer, name_parts, tetrahedralize
 
         if self.surface is None:
             self.extract_surface()
@@ -253,7 +253,11 @@ class Work:
             mesh = self._timed(
                 "volume",
                 lambda progress: tetrahedralize(
-                    surface, edge_length=how.edge_length, progress=progress
+                    surface,
+                    edge_length=how.edge_length,
+                    sizing=[Finer(part.box(), part.edge_length) for part in how.finer],
+                    time_limit=how.time_limit,
+                    progress=progress,
                 ),
             )
         except GuestError as error:
