@@ -6,6 +6,8 @@ from porous.stages._extract_surface import extract_surface
 from porous.stages._hexahedralize import hexahedralize
 from porous.stages._mesh_cells import mesh_cells
 from porous.stages._name_parts import name_parts
+from porous.stages._pairs import periodic_pairs
+from porous.stages._quadratic import quadratic
 from porous.stages._sampled import SampledModel
 from porous.stages._simplify import simplify
 from porous.stages._sizing import Finer
@@ -26,6 +28,8 @@ __all__ = [
     "hexahedralize",
     "mesh_cells",
     "name_parts",
+    "periodic_pairs",
+    "quadratic",
     "simplify",
     "smooth",
     "stream_surface",
