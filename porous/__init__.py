@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from porous.report import write_report
     from porous.scale import StoredGrid
     from porous.stages import (
+        beams,
         exact_surface,
         extract_surface,
         hexahedralize,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         warp_mesh,
     )
     from porous.values import (
+        BeamLattice,
         Box,
         Frame,
         Job,
@@ -87,6 +89,7 @@ _HOMES = {
     "report": ("write_report",),
     "scale": ("StoredGrid",),
     "stages": (
+        "beams",
         "exact_surface",
         "extract_surface",
         "hexahedralize",
@@ -103,6 +106,7 @@ _HOMES = {
         "warp_mesh",
     ),
     "values": (
+        "BeamLattice",
         "Box",
         "Frame",
         "Job",
@@ -119,6 +123,7 @@ _HOMES = {
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "BeamLattice",
     "Box",
     "Cancelled",
     "Certificate",
@@ -146,6 +151,7 @@ __all__ = [
     "VolumeMesh",
     "VoxelGrid",
     "bcifs",
+    "beams",
     "build",
     "cifs",
     "exact_surface",

@@ -47,6 +47,8 @@ LONGEST = 400
 """The longest message about a file, in characters."""
 HELPERS = ("gate",)
 """Files of this folder that are no format; so are those whose name begins with an underscore."""
+SPELLED = {"3mf": "threemf"}
+"""The one suffix that begins with a digit, as no module's name may."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,8 @@ class Format:
     name
         What the field calls it.
     suffixes
-        With the dot, in lower case; the first one names the module, its inner dots underscores.
+        With the dot, in lower case; the first one names the module, its inner dots underscores
+        (and ``SPELLED`` where it begins with a digit).
     reads, read
         The type of value a file holds, and the function from a ``Source`` to it.
     writes, write
@@ -96,7 +99,7 @@ class Format:
 
 def formats() -> tuple[Format, ...]:
     """Return every format there is, by suffix."""
-    return tuple(_load(stem) for stem in _stems())
+    return tuple(sorted(map(_load, _stems()), key=lambda form: form.suffix))
 
 
 def read(path: str | Path) -> Value:
@@ -200,7 +203,8 @@ def _plain(error: Exception) -> str:
 
 def _find(path: Path) -> Format:
     for suffix in ("".join(path.suffixes[-2:]).lower(), path.suffix.lower()):
-        if (stem := suffix[1:].replace(".", "_")) in _stems():
+        stem = suffix[1:].replace(".", "_")
+        if (stem := SPELLED.get(stem, stem)) in _stems():
             return _load(stem)
     known = {s: form for form in formats() for s in form.suffixes}
     if suffix in known:

@@ -11,17 +11,14 @@ from __future__ import annotations
 import io
 import math
 import re
-import struct
 import zipfile
-import zlib
-from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from porous.errors import FormatError
 from porous.formats._registry import Format
-from porous.formats.gate import RATIO, need, refuse
+from porous.formats._zip import EPOCH, METHODS, check_directory, damage
+from porous.formats.gate import need, refuse
 from porous.memory import check_memory
 from porous.values import Frame, VoxelGrid
 
@@ -33,14 +30,7 @@ if TYPE_CHECKING:
 
     from porous.formats.gate import Source
 
-EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The date that every member bears: the same grid gives the same bytes."""
 STEP = 1 << 20
-DIRECTORY = 64 * 1024
-"""The longest table of contents that is read, in bytes."""
-METHODS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: RATIO}
-"""How many bytes one byte of a member may become."""
-END = b"PK\x05\x06"
 MAGIC = b"\x93NUMPY"
 HEAD, AXES = 4096, 3
 DESCRIPTION = re.compile(
@@ -52,8 +42,8 @@ DESCRIPTION = re.compile(
 
 def read(source: Source) -> VoxelGrid:
     """Read a grid of voxels."""
-    _check_directory(source.data)
-    with _damage("the archive"):
+    check_directory(source.data)
+    with damage("the archive"):
         archive = zipfile.ZipFile(io.BytesIO(source.data))
     with archive:
         return _grid(_Arrays(archive))
@@ -158,7 +148,7 @@ class _Arrays:
         if info.compress_type not in METHODS:
             refuse(f"compression of {name}", info.compress_type, "stored (0) or deflated (8)")
         need(info.file_size, METHODS[info.compress_type] * info.compress_size, name)
-        with _damage(name), self.archive.open(info) as member:
+        with damage(name), self.archive.open(info) as member:
             form, turned, shape, left = _described(member, info, name)
             count = math.prod(shape)
             if count * form.itemsize != left:
@@ -201,30 +191,6 @@ def _taken(member: IO[bytes], size: int, name: str) -> bytearray:
     if done != size:
         refuse(f"bytes of {name}", done, f"{size}")
     return result
-
-
-@contextmanager
-def _damage(what: str) -> Iterator[None]:
-    """Say in our words what ``zipfile`` raises at files that are not as they should be."""
-    try:
-        yield
-    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError) as error:
-        raise FormatError(f"{what} is damaged ({error})") from None
-    except (NotImplementedError, RuntimeError) as error:
-        raise FormatError(f"{what} is encrypted or of a kind that is not read ({error})") from None
-
-
-def _check_directory(data: bytes) -> None:
-    """Refuse a table of contents so long that ``zipfile`` would swell on reading it."""
-    place = max(len(data) - 22, 0)  # without a comment it stands here: zipfile looks here first
-    if not data.startswith(END, place):
-        place = data.rfind(END, -DIRECTORY - 22)
-    if place < 0:
-        raise FormatError("no table of contents at its end; wanted a zip archive, all of it")
-    size = int.from_bytes(data[place + 12 : place + 16], "little")
-    if size == 2**32 - 1:  # the record of larger archives stands 76 bytes before
-        size = int.from_bytes(data[max(place - 36, 0) : max(place - 28, 0)], "little")
-    need(size, DIRECTORY, "the table of contents")
 
 
 FORMAT = Format("NumPy archive", (".npz",), VoxelGrid, read, (VoxelGrid,), write)

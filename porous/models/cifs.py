@@ -34,6 +34,7 @@ from porous.models.enclosure import Seeds, enclosing_balls, orbit_box
 from porous.models.features import MOST_CELLS
 from porous.models.rational import is_rational
 from porous.models.reach import Reach, attractor_reach, cells_reach
+from porous.models.struts import lattice
 from porous.values import Box
 from porous.values.units import check_unit
 from porous.values.value import Value
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 
     from porous.models.ifs import IFS
     from porous.models.primitive import Primitive
-    from porous.values import Frame, Measure, Pattern, SurfaceMesh
+    from porous.values import BeamLattice, Frame, Measure, Pattern, SurfaceMesh
 
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
@@ -254,6 +255,13 @@ class CIFS(Value):
                 "is terminal"
             )
         return self.plain.boundary()
+
+    def beam_lattice(self) -> tuple[BeamLattice, str]:
+        """Return the beams and balls that are drawn, and what else there is, in words.
+
+        Raises ``ModelError`` where there are none, or for ``"limit"``.
+        """
+        return lattice(self.body.parts, self.domain, self.unit)
 
     def exact(
         self, periodic: tuple[bool, bool, bool] = (False, False, False)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from porous.values import Box, Frame, Measure, Pattern, SurfaceMesh, VolumeMesh
+    from porous.values import BeamLattice, Box, Frame, Measure, Pattern, SurfaceMesh, VolumeMesh
 
 
 @runtime_checkable
@@ -72,6 +72,18 @@ class HasCells(Protocol):
         """Return the cells with shared nodes, named parts and their addresses as tags.
 
         Raises ``ModelError`` where cells are folded (naming the address) or are no volumes.
+        """
+
+
+@runtime_checkable
+class HasBeams(Protocol):
+    """A model that is drawn with beams and balls, if it is."""
+
+    def beam_lattice(self) -> tuple[BeamLattice, str]:
+        """Return beams and balls, ends where they lie, and what of the body is neither, in words.
+
+        Two beams may name nodes of their own at the same place. The words are empty where the
+        lattice is the whole body. Raises ``ModelError`` where there are no beams.
         """
 
 

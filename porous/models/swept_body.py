@@ -19,13 +19,14 @@ from porous.models.cell_mesh import hung
 from porous.models.cell_surface import cell_boundary
 from porous.models.cell_system import CellSystem
 from porous.models.simplices import Simplices
+from porous.models.struts import lattice
 from porous.values.value import Value
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.models.brep import BRep
-    from porous.values import Frame, Pattern
+    from porous.values import BeamLattice, Frame, Pattern
 
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
@@ -102,6 +103,13 @@ class SweptBody(CellSystem):
             return solid
         skin = cell_boundary(self.nodes, unit=self.unit)
         return solid.grown(self.offset, skin=skin.corners)
+
+    def beam_lattice(self) -> tuple[BeamLattice, str]:
+        """Return the beams and balls along the cells, and what else there is, in words.
+
+        Raises ``ModelError`` where there are none.
+        """
+        return lattice((self.body,), self.domain, self.unit)
 
     def _joints(self) -> tuple[Floats, Floats]:
         if not self.fused:

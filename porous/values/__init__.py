@@ -1,5 +1,6 @@
 """What flows: frozen values of numpy arrays and plain numbers, validated at the door."""
 
+from porous.values.beams import BeamLattice
 from porous.values.box import Box
 from porous.values.frame import Frame
 from porous.values.grid import VoxelGrid
@@ -15,6 +16,7 @@ __all__ = [
     "CENTRE",
     "FILL",
     "SHAPES",
+    "BeamLattice",
     "Block",
     "Box",
     "Frame",
