@@ -1,5 +1,11 @@
 """MSH: meshes of Gmsh, versions 2.2 and 4.1, in text or binary of either byte order.
 
+Written is 4.1 as text, with every part: cells and faces (seen from outside) in physical groups of
+their names, parts of nodes as points where they are not just the nodes of a part of faces, parts of
+pairs as periodic entities where faces lie on both sides. The unit is a comment; lengths are in it.
+Nodes and cells bear the mesh's numbers, from 1. In names quotes, dollars, backslashes and what is
+not ASCII become underscores. Tags are not written.
+
 Read are the nodes and the hexahedra, prisms and tetrahedra; hexahedra of 20 and 27 nodes by their
 corners. Points, lines and faces are passed over, and so are physical groups: an element that
 version 2.2 lists once for each of its groups is one cell.
@@ -16,6 +22,7 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats._elements import Draft
+from porous.formats._msh_write import write_4
 from porous.formats._registry import Format
 from porous.formats.gate import TOKEN, integer, need, numbers, refuse, whole
 from porous.values import VolumeMesh
@@ -300,4 +307,4 @@ def _check_total(missing: int, what: str) -> None:
         raise FormatError(f"the blocks hold {-missing:+} {what} beside what the section says")
 
 
-FORMAT = Format("Gmsh mesh", (".msh",), VolumeMesh, read)
+FORMAT = Format("Gmsh mesh", (".msh",), VolumeMesh, read, (VolumeMesh,), write_4)
