@@ -1,4 +1,4 @@
-"""INP: decks for CalculiX and Abaqus in mm, N, MPa and t, with sets, material and a step.
+"""INP: decks for CalculiX and Abaqus with sets, materials, ties and steps, in mm-N-MPa or m-SI.
 
 CalculiX refuses fields longer than 20 characters; sets have at most 16 numbers in a line. Element
 faces are S1, S2, … as ``SHAPES`` lists them. Nodes and elements are numbered from 1.
@@ -12,29 +12,48 @@ https://www.dhondt.de/ccx_2.20.pdf
 from __future__ import annotations
 
 import re
-import textwrap
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from porous.errors import FormatError
+from porous.formats._deck import (
+    PER_LINE,
+    PROCEDURES,
+    REFERENCE,
+    SLAB,
+    UNITS,
+    WIDTH,
+    Deck,
+    comment,
+    lines,
+    plain,
+    rows,
+    set_name,
+)
 from porous.formats._elements import Draft
 from porous.formats._registry import Format
 from porous.formats.gate import numbers, refuse, whole
 from porous.values import Job, VolumeMesh
-from porous.values.units import length_ratio
+from porous.values.units import SYSTEMS, length_ratio, system_length
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from porous.formats.gate import Source
-    from porous.values import Held, Material, Part, Pressed, Step
+    from porous.values import Part
 
 ELEMENTS = {"tet4": "C3D4", "hex8": "C3D8", "wed6": "C3D6", "tet10": "C3D10", "hex20": "C3D20"}
-"""Element types; VTK's node order is CalculiX's for all of them."""
+"""Element types; VTK's node order is CalculiX's for all of them. Hexahedra are integrated in full,
+C3D8 in 2 × 2 × 2 and C3D20 in 3 × 3 × 3 points: reduced ones bend better and have modes without
+energy, which a thin strut of few elements finds."""
+HEAT = {shape: f"D{name}" for shape, name in ELEMENTS.items()}
+"""Element types of heat; Abaqus needs these, and CalculiX takes them for those of stress."""
+ENDS = ("FIRST", "SECOND")
+"""How the names end of the sets that hold the nodes of pairs, in order."""
 
 READ = {
     "8": ("hex8", 8),
@@ -68,10 +87,7 @@ LONGEST = 4096
 DATA = bytes.maketrans(b",dD", b" ee")
 """What parts numbers becomes a blank, Fortran's exponents everybody's."""
 
-SOLID = "SOLID"
-SLAB = 10_000
-PER_LINE = 16
-WIDTH = 78
+SOLID, ALL = "SOLID", "ALL_CELLS"
 
 
 def read(source: Source) -> VolumeMesh:
@@ -174,161 +190,119 @@ def _table(body: bytes, width: int, what: str, *, spread: bool = False) -> NDArr
 
 
 def write(value: Job | VolumeMesh) -> Iterator[bytes]:
-    """Write a deck; of a bare mesh its nodes, elements and sets."""
+    """Write a deck; of a bare mesh its nodes, elements and sets.
+
+    Raises
+    ------
+    FormatError
+        For a mesh without cells, for names that would be one in a deck, and for a job with steps
+        of heat and of stress, or with what decks cannot hold.
+    """
     job = value if isinstance(value, Job) else None
     mesh = value if isinstance(value, VolumeMesh) else value.mesh
     if not mesh.cells:
         raise FormatError("the mesh has no cells; a deck needs at least one")
-    names = _set_names(mesh)
+    names = _set_names(mesh, job.tied if job else ())
+    every = _everything(mesh, names)
+    deck = Deck(job, names, every) if job else None
     yield from _heading(job, mesh)
-    yield from _nodes(mesh)
-    yield from _elements(mesh)
+    yield from _nodes(mesh, system_length(job.system) if job else "mm")
+    yield from deck.references() if deck else ()
+    yield from _elements(mesh, every, HEAT if deck and deck.is_thermal else ELEMENTS)
     for key, part in mesh.parts.items():
-        yield from _part(names[key], part, mesh)
-    if job is not None:
-        for name, material in job.materials.items():
-            yield _material(material, names[name])
-        if not job.steps:
-            yield _comment(f"no step: {job.why_no_step}")
-        for step in job.steps:
-            yield from _step(step, mesh, names)
+        if not (names[key] == every and len(part.members) == mesh.cells):
+            yield from _part(names[key], part)
+    if deck is not None:
+        yield from deck.equations()
+        yield from deck.materials()
+        yield from deck.steps()
 
 
 def _heading(job: Job | None, mesh: VolumeMesh) -> Iterator[bytes]:
     title = job.title if job else "mesh"
-    yield _lines("*HEADING", _plain(title)[:WIDTH])
-    yield _comment(f"made by porous; lengths in mm (the mesh was in {mesh.unit}), forces in N,")
-    yield _comment("stresses in MPa, densities in t/mm3")
+    yield lines("*HEADING", plain(title)[:WIDTH])
+    units = UNITS[job.system if job else SYSTEMS[0]]
+    yield comment(f"made by porous; the mesh was in {mesh.unit}; {units}")
+    if job is not None and job.steps:
+        yield comment("to run it where it is called NAME.inp: ccx -i NAME")
     if job is not None and job.note:
-        yield _comment(job.note)
+        yield comment(job.note)
 
 
-def _nodes(mesh: VolumeMesh) -> Iterator[bytes]:
+def _nodes(mesh: VolumeMesh, unit: str) -> Iterator[bytes]:
     yield b"*NODE, NSET=ALL\n"
-    points = mesh.points * length_ratio(mesh.unit, "mm")
-    for start in range(0, len(points), SLAB):
-        slab = points[start : start + SLAB].tolist()
-        yield "".join(
-            f"{number}, {x:.9e}, {y:.9e}, {z:.9e}\n"
-            for number, (x, y, z) in enumerate(slab, start + 1)
-        ).encode()
+    ratio = length_ratio(mesh.unit, unit)
+    form = "%d, %.9e, %.9e, %.9e\n"
+    for start in range(0, len(mesh.points), SLAB):
+        slab = mesh.points[start : start + SLAB] * ratio
+        numbered = zip(range(start + 1, start + 1 + len(slab)), *slab.T.tolist(), strict=True)
+        yield (form * len(slab) % tuple(chain.from_iterable(numbered))).encode()
 
 
-def _elements(mesh: VolumeMesh) -> Iterator[bytes]:
+def _elements(mesh: VolumeMesh, every: str, types: Mapping[str, str]) -> Iterator[bytes]:
     first = 1
     several = len(mesh.blocks) > 1
     for index, block in enumerate(mesh.blocks, 1):
-        name = f"{SOLID}_{index}" if several else SOLID
-        yield _lines(f"*ELEMENT, TYPE={ELEMENTS[block.shape]}, ELSET={name}")
-        numbers = np.arange(first, first + len(block.cells))
-        yield from _rows(np.column_stack([numbers, block.cells + 1]))
+        name = f"{every}_{index}" if several else every
+        yield lines(f"*ELEMENT, TYPE={types[block.shape]}, ELSET={name}")
+        for start in range(0, len(block.cells), SLAB):
+            slab = block.cells[start : start + SLAB] + 1
+            numbers = np.arange(first + start, first + start + len(slab))
+            yield from rows(np.column_stack([numbers, slab]))
         first += len(block.cells)
     if several:
-        blocks = ", ".join(f"{SOLID}_{i + 1}" for i in range(len(mesh.blocks)))
-        yield _lines(f"*ELSET, ELSET={SOLID}", blocks)
+        blocks = [f"{every}_{i + 1}" for i in range(len(mesh.blocks))]
+        yield lines(f"*ELSET, ELSET={every}", ", ".join(blocks))
 
 
-def _part(name: str, part: Part, mesh: VolumeMesh) -> Iterator[bytes]:
-    if not len(part.members) or (name == SOLID and len(part.members) == mesh.cells):
-        return
-    if part.kind == "pairs":
+def _part(name: str, part: Part) -> Iterator[bytes]:
+    numbers = part.members + 1
+    if not len(numbers):
         return
     if part.kind == "faces":
-        yield _lines(f"*SURFACE, NAME={name}, TYPE=ELEMENT")
-        for start in range(0, len(part.members), SLAB):
-            slab = (part.members[start : start + SLAB] + 1).tolist()
-            yield "".join(f"{cell}, S{face}\n" for cell, face in slab).encode()
-        return
-    kind = "NSET" if part.kind == "nodes" else "ELSET"
-    yield _lines(f"*{kind}, {kind}={name}")
-    numbers = part.members + 1
+        yield lines(f"*SURFACE, NAME={name}, TYPE=ELEMENT")
+        yield from rows(numbers, "%d, S%d\n")
+    elif part.kind == "pairs":
+        for end, column in zip(ENDS, numbers.T, strict=True):
+            yield from _set("NSET", f"{name}_{end}", column)
+    else:
+        yield from _set("NSET" if part.kind == "nodes" else "ELSET", name, numbers)
+
+
+def _set(kind: str, name: str, numbers: NDArray[np.int64]) -> Iterator[bytes]:
+    unsorted = kind == "NSET" and (np.diff(numbers) < 0).any()
+    yield lines(f"*{kind}, {kind}={name}{', UNSORTED' if unsorted else ''}")
     whole = len(numbers) // PER_LINE * PER_LINE
-    yield from _rows(numbers[:whole].reshape(-1, PER_LINE))
-    yield from _rows(numbers[None, whole:] if whole < len(numbers) else numbers[None, :0])
+    yield from rows(numbers[:whole].reshape(-1, PER_LINE))
+    yield from rows(numbers[None, whole:])
 
 
-def _material(material: Material, cells: str) -> bytes:
-    name = _name(material.name)
-    return _comment(material.source) + _lines(
-        f"*MATERIAL, NAME={name}",
-        "*ELASTIC",
-        f"{material.youngs_modulus:.9e}, {material.poissons_ratio:.9e}",
-        "*DENSITY",
-        f"{material.density:.9e}",
-        f"*SOLID SECTION, ELSET={cells}, MATERIAL={name}",
+def _everything(mesh: VolumeMesh, names: Mapping[str, str]) -> str:
+    """Return the name of the set of all elements: SOLID, unless that is a part of them only."""
+    own = [key for key, name in names.items() if name == SOLID and mesh.parts[key].kind == "cells"]
+    if all(len(mesh.parts[key].members) == mesh.cells for key in own):
+        return SOLID
+    return next(
+        name
+        for name in (ALL, *(f"{ALL}_{i}" for i in range(len(names) + 1)))
+        if name not in names.values()
     )
 
 
-def _step(step: Step, mesh: VolumeMesh, names: dict[str, str]) -> Iterator[bytes]:
-    yield _lines("*STEP", "*STATIC")
-    for held in step.held:
-        yield _held(held, names)
-    yield _lines("*DLOAD")
-    for pressed in step.pressed:
-        yield from _pressed(pressed, mesh)
-    for held in step.held:
-        yield _lines(f"*NODE PRINT, NSET={names[held.part]}, TOTALS=ONLY", "RF")
-    yield _lines(
-        f"*EL PRINT, ELSET={SOLID}, TOTALS=ONLY",
-        "ELSE, EVOL",
-        "*NODE FILE",
-        "U, RF",
-        "*EL FILE",
-        "S, E",
-        "*END STEP",
-    )
-
-
-def _held(held: Held, names: dict[str, str]) -> bytes:
-    first, last = min(held.components) + 1, max(held.components) + 1
-    return _lines("*BOUNDARY", f"{names[held.part]}, {first}, {last}")
-
-
-def _pressed(pressed: Pressed, mesh: VolumeMesh) -> Iterator[bytes]:
-    faces = mesh.parts[pressed.part].members + 1
-    for start in range(0, len(faces), SLAB):
-        yield "".join(
-            f"{cell}, P{face}, {pressed.pressure:.9e}\n"
-            for cell, face in faces[start : start + SLAB].tolist()
-        ).encode()
-
-
-def _rows(table: NDArray[np.int64]) -> Iterator[bytes]:
-    line = ", ".join(["%d"] * table.shape[1]) + "\n"
-    for start in range(0, len(table) if table.size else 0, SLAB):
-        slab = table[start : start + SLAB]
-        yield (line * len(slab) % tuple(slab.ravel().tolist())).encode()
-
-
-def _set_names(mesh: VolumeMesh) -> dict[str, str]:
+def _set_names(mesh: VolumeMesh, tied: Sequence[str]) -> dict[str, str]:
     """Return the name that each part has in the deck, or refuse two that would be one."""
-    names = {key: _name(key) for key in mesh.parts}
+    names = {key: set_name(key) for key in mesh.parts}
     seen: dict[tuple[str, str], str] = {}
     for key, name in names.items():
-        first = seen.setdefault((mesh.parts[key].kind, name), key)
-        if first != key:
-            raise FormatError(f"parts {first!r} and {key!r} would both be {name} in a deck")
+        part = mesh.parts[key]
+        own = [name] if part.kind != "pairs" else [f"{name}_{end}" for end in ENDS]
+        own += [REFERENCE + name] if key in tied else []
+        for one in own:
+            kind = "nodes" if part.kind == "pairs" else part.kind
+            first = seen.setdefault((kind, one), key)
+            if first != key:
+                raise FormatError(f"parts {first!r} and {key!r} would both be {one} in a deck")
     return names
-
-
-def _name(text: str) -> str:
-    """Return a set's name: capitals, digits, _ and -, a letter first, at most 60."""
-    name = re.sub(r"[^A-Z0-9_-]", "_", text.upper())[:60]
-    return name if name[:1].isalpha() else f"N_{name}"
-
-
-def _plain(text: str) -> str:
-    """Return one line of ASCII: no text of the user can become a card."""
-    words = " ".join(text.split()).lstrip("*")
-    return words.replace("³", "3").encode("ascii", "replace").decode()
-
-
-def _comment(text: str) -> bytes:
-    return _lines(*(f"** {line}" for line in textwrap.wrap(_plain(text), WIDTH)))
-
-
-def _lines(*lines: str) -> bytes:
-    return "".join(f"{line}\n" for line in lines).encode()
 
 
 FORMAT = Format(
@@ -338,5 +312,6 @@ FORMAT = Format(
     read=read,
     writes=(Job, VolumeMesh),
     write=write,
-    procedures=("static",),
+    shapes=tuple(ELEMENTS),
+    procedures=PROCEDURES,
 )
