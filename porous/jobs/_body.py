@@ -6,9 +6,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from porous.values.volume_topology import bodies, extracted
+from porous.values.surface_topology import joined
+from porous.values.volume_topology import (
+    Faces,
+    bodies,
+    boundary_faces,
+    extracted,
+    matched,
+    nodes_of,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from porous.values import VolumeMesh
@@ -86,3 +96,98 @@ def _why_not(mesh: VolumeMesh, body: Indices, first: str, last: str, reaching: i
         f"no face-connected body joins {first} and {last}: {apart}, and touching in a point or "
         f"an edge bears no load; {joins}"
     )
+
+
+def largest(mesh: VolumeMesh, side: str = "") -> Between:
+    """Return the body of the largest volume, of those with faces on a side where one is named."""
+    body = bodies(mesh)
+    there = _on(mesh, body, side) if side else np.arange(int(body.max()) + 1)
+    if not len(there):
+        return Between(mesh, "", f"no face lies on {side}, and a point or an edge holds nothing")
+    volume = np.bincount(body, weights=mesh.volumes)
+    kept = body == there[np.argmax(volume[there])]
+    return Between(extracted(mesh, kept), left_out(body, kept), "")
+
+
+def going_on(mesh: VolumeMesh, names: Sequence[str], *, least: int) -> tuple[Between, Indices]:
+    """Return what is one with copies of itself across faces, by parts of pairs.
+
+    Left out are islands, which bear nothing from one copy to the next.
+
+    Parameters
+    ----------
+    mesh
+        Any.
+    names
+        Parts of pairs.
+    least
+        In how many independent directions each body has to go on so that it is held: two against
+        turning, one for what is a number.
+
+    Returns
+    -------
+    What goes on, and a node of each of its bodies.
+    """
+    body = bodies(mesh)
+    edges = _across(mesh, body, names)
+    whole, rank = _windings(int(body.max()) + 1, edges, len(names))
+    own = whole[body]
+    kept = rank[own] > 0
+    if not kept.any():
+        why = "no body goes on across faces from one copy of the cell to the next"
+        return Between(mesh, "", why), np.zeros(0, np.int64)
+    if (rank[own[kept]] < least).any():
+        why = (
+            "a body goes on in one direction only, and nothing keeps it from turning about that "
+            "direction: as a material it has no stiffness"
+        )
+        return Between(mesh, "", why), np.zeros(0, np.int64)
+    cut = extracted(mesh, kept)
+    nodes = np.concatenate([block.cells[:, 0] for block in cut.blocks])
+    _, firsts = np.unique(own[kept], return_index=True)
+    return Between(cut, left_out(own, kept), ""), nodes[firsts]
+
+
+def _across(mesh: VolumeMesh, body: Indices, names: Sequence[str]) -> Indices:
+    """Return which bodies meet across faces a period on: (n, 3), first, second and part."""
+    members = boundary_faces(mesh)
+    nodes = nodes_of(mesh, members)
+    rows = [np.zeros((0, 3), np.int64)]
+    for index, name in enumerate(names):
+        partner = np.full(len(mesh.points) + 1, -2)  # the last is that of a triangle's fourth
+        first, second = mesh.parts[name].members.T
+        partner[second], partner[-1] = first, -1
+        moved = partner[nodes]
+        whole = (moved > -2).all(axis=1)
+        both = np.concatenate([nodes, moved[whole]])
+        source = np.concatenate([members, members[whole]])
+        a, b = matched(Faces(source, both))
+        a, b = np.minimum(a, b), np.maximum(a, b)
+        ends = body[source[a, 0]], body[source[b, 0]]
+        rows.append(np.column_stack([*ends, np.full(len(a), index)]))
+    return np.asarray(np.unique(np.concatenate(rows), axis=0))
+
+
+def _windings(count: int, edges: Indices, parts: int) -> tuple[Indices, Indices]:
+    """Return the body that each is of once copies are joined, and in how many ways that goes on.
+
+    A closed way through bodies leads so many periods on; the rank of all such ways counts.
+    """
+    whole = joined(count, edges[:, 0], edges[:, 1])
+    place: dict[int, Indices] = {
+        int(np.argmax(whole == w)): np.zeros(parts, np.int64) for w in range(int(whole.max()) + 1)
+    }
+    steps = np.eye(parts, dtype=np.int64)
+    while len(place) < count:
+        for a, b, part in edges.tolist():
+            if a in place and b not in place:
+                place[b] = place[a] + steps[part]
+            elif b in place and a not in place:
+                place[a] = place[b] - steps[part]
+    ways: dict[int, list[Indices]] = {}
+    for a, b, part in edges.tolist():
+        ways.setdefault(int(whole[a]), []).append(place[a] + steps[part] - place[b])
+    rank = np.zeros(int(whole.max()) + 1, dtype=np.int64)
+    for own, found in ways.items():
+        rank[own] = np.linalg.matrix_rank(np.array(found))
+    return whole, rank

@@ -1,0 +1,102 @@
+"""Effective stiffness or conductivity of a cell that goes on in copies of itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from porous.errors import MeshError
+from porous.jobs._body import going_on
+from porous.jobs._section import TwoPhaseSection, phases
+from porous.values import Held, Job, Part, Step
+from porous.values.ties import ties
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from porous.values import VolumeMesh
+
+PAIRS = ("XPAIRS", "YPAIRS", "ZPAIRS")
+PINNED = "PINNED"
+"""The part of nodes, one of each body, that are held against moving as a whole."""
+
+STRAINS = {
+    "xx": (0, 0),
+    "yy": (1, 1),
+    "zz": (2, 2),
+    "yz": (1, 2),
+    "xz": (0, 2),
+    "xy": (0, 1),
+}
+"""Load cases in Voigt's order: the row and column of the strain that is one."""
+CUBIC = ("xx", "yz")
+"""Those that say all of a body with the symmetry of the cube."""
+
+
+class HomogenisationSection(TwoPhaseSection):
+    """Load cases of one mean strain, or one mean gradient of the temperature, each."""
+
+    PROCEDURES: ClassVar[tuple[str, ...]] = ("static", "conduction")
+
+    analysis: Literal["homogenisation"] = Field(description='"homogenisation"')
+    property: Literal["stiffness", "conductivity"] = Field(
+        default="stiffness", description='"stiffness" or "conductivity"'
+    )
+    symmetry: Literal["none", "cubic"] = Field(
+        default="none",
+        description='"none", or "cubic" where the cell has the symmetry of the cube: fewer load '
+        "cases say all",
+    )
+    decks: tuple[Literal["inp"], ...] = Field(
+        default=(), strict=False, description='a list of "inp", which alone ties nodes'
+    )
+
+
+def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
+    """Return the job of finding an effective property of a periodic cell.
+
+    Nodes on opposite sides are tied by ``XPAIRS``, ``YPAIRS`` and ``ZPAIRS``; of each body one node
+    is held. What does not go on across faces into the next copy is left out.
+
+    Raises
+    ------
+    MeshError
+        Where the mesh lacks pairs along an axis.
+    """
+    cells, materials = phases(mesh, section)
+    for name in PAIRS:
+        if name not in cells.parts or not len(cells.parts[name].members):
+            raise MeshError(
+                f"homogenisation: the volume mesh has no pairs of nodes {name}; wanted a periodic "
+                'one: voxels.periodic = [true, true, true] and volume.method = "voxel-hex"'
+            )
+    made_of = " and ".join(material.name for material in materials.values())
+    title = f"effective {section.property} of a periodic cell of {made_of}"
+    elastic = section.property == "stiffness"
+    found, nodes = going_on(cells, PAIRS, least=2 if elastic else 1)
+    if found.why_not:
+        return Job(title, cells, materials, why_no_step=found.why_not)
+    pins = Part("nodes", np.unique(ties(found.mesh, PAIRS).root[nodes]))
+    pinned = replace(found.mesh, parts={**found.mesh.parts, PINNED: pins})
+    steps = tuple(_strains(section.symmetry) if elastic else _slopes(section.symmetry))
+    return Job(title, pinned, materials, steps, note=found.note, tied=PAIRS)
+
+
+def _strains(symmetry: str) -> Iterator[Step]:
+    held = Held(PINNED, "displacement", components=(0, 1, 2))
+    for name in CUBIC if symmetry == "cubic" else STRAINS:
+        gradient = np.zeros((3, 3))
+        row, column = STRAINS[name]
+        gradient[row, column] += 0.5
+        gradient[column, row] += 0.5
+        yield Step(f"strain-{name}", "static", (held,), gradient=tuple(gradient.ravel().tolist()))
+
+
+def _slopes(symmetry: str) -> Iterator[Step]:
+    held = Held(PINNED, "temperature")
+    for axis in "x" if symmetry == "cubic" else "xyz":
+        gradient = tuple(float(axis == other) for other in "xyz")
+        yield Step(f"gradient-{axis}", "conduction", (held,), gradient=gradient)
