@@ -1,4 +1,4 @@
-"""Jobs: which body bears the load, what is left out, why there is no step; materials by name."""
+"""Jobs: which body bears the load, what is left out, why there is no step."""
 
 import itertools
 
@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 import systems
 
-from porous.errors import MeshError, RecipeError
-from porous.jobs import compression, material
-from porous.jobs._material import read_material
-from porous.presets import material_names
+from porous.errors import MeshError
+from porous.jobs import compression
 from porous.stages import hexahedralize, name_parts
 from porous.values import Block, Box, Frame, Material, Pressed, VolumeMesh, VoxelGrid
 
@@ -101,63 +99,3 @@ def test_a_mesh_without_names_has_no_step():
     assert "ZMIN" in compression(mesh, material=STEEL, pressure=1.0).why_no_step
     named = name_parts(mesh, Box((0, 0, 0), (1, 1, 1)))
     assert "no face lies on ZMAX" in compression(named, material=STEEL, pressure=1.0).why_no_step
-
-
-def test_materials_of_the_presets():
-    assert set(material_names()) == {"pla", "steel", "ti-6al-4v"}
-    for name in material_names():
-        found = material(name)
-        assert found.name == name
-        assert found.source
-    steel, titanium = material("steel"), material("ti-6al-4v")
-    assert (steel.youngs_modulus, steel.poissons_ratio) == (210e3, 0.3)
-    assert steel.density == pytest.approx(7.85e-9)
-    assert titanium.youngs_modulus == pytest.approx(113.8e3)
-    with pytest.raises(RecipeError, match="steel"):
-        material("stele")
-
-
-GOOD = {
-    "title": '"Rubber"',
-    "source": '"none"',
-    "youngs_modulus": '"1000 psi"',
-    "poissons_ratio": "0.49",
-    "density": '"1.1 g/cm3"',
-}
-
-
-def written(tmp_path, **changes):
-    lines = (GOOD | changes).items()
-    path = tmp_path / "rubber.toml"
-    path.write_text("\n".join(f"{key} = {value}" for key, value in lines if value is not None))
-    return path
-
-
-def test_units_are_read(tmp_path):
-    rubber = read_material(written(tmp_path))
-    assert rubber.name == "rubber"
-    assert rubber.youngs_modulus == pytest.approx(6.894757)
-    assert rubber.density == pytest.approx(1.1e-9)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"youngs_modulus": '"3.5 gigapascal"'}, "youngs_modulus: got '3.5 gigapascal'.*GPa"),
-        ({"youngs_modulus": "3.5"}, "youngs_modulus"),
-        ({"youngs_modulus": '"stiff GPa"'}, "youngs_modulus"),
-        ({"youngs_modulus": '"-1 GPa"'}, "youngs_modulus = .*more than zero"),
-        ({"youngs_modulus": '"nan GPa"'}, "youngs_modulus = .*more than zero"),
-        ({"density": '"7850"'}, "density.*kg/m3"),
-        ({"poissons_ratio": "0.5"}, "between −1 and 0.5"),
-        ({"poissons_ratio": "true"}, "poissons_ratio"),
-        ({"poissons_ratio": '"0.3"'}, "poissons_ratio"),
-        ({"yield": "3"}, r"unknown keys \['yield'\]"),
-        ({"source": None}, r"missing keys \['source'\]"),
-        ({"density": "[1"}, "cannot be read"),
-    ],
-)
-def test_materials_that_cannot_be_understood(tmp_path, changes, words):
-    with pytest.raises(RecipeError, match=words) as caught:
-        read_material(written(tmp_path, **changes))
-    assert "rubber.toml" in str(caught.value)

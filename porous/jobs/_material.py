@@ -1,14 +1,15 @@
-"""Materials by name: one TOML each, figures with their units, read into mm-N-MPa."""
+"""Materials by name: one TOML each, figures with their units, read into mm, t, s and K."""
 
 from __future__ import annotations
 
-import tomllib
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from porous.errors import MeshError, RecipeError
+from porous.errors import MeshError, RecipeError, nearest
 from porous.presets import material_path
+from porous.toml import read_table
 from porous.values import Material
+from porous.values.job import PROPERTIES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,21 +17,31 @@ if TYPE_CHECKING:
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "youngs_modulus": MappingProxyType(
+        "pressure": MappingProxyType(
             {"Pa": 1e-6, "kPa": 1e-3, "MPa": 1.0, "GPa": 1e3, "psi": 6.894757293168e-3}
         ),
         "density": MappingProxyType(
             {"kg/m3": 1e-12, "kg/m³": 1e-12, "g/cm3": 1e-9, "g/cm³": 1e-9, "t/mm3": 1.0}
         ),
+        "conductivity": MappingProxyType(
+            {"W/(m K)": 1.0, "W/m/K": 1.0, "mW/(mm K)": 1.0, "W/(mm K)": 1e3, "W/(cm K)": 1e2}
+        ),
+        "specific_heat": MappingProxyType(
+            {"J/(kg K)": 1e6, "J/kg/K": 1e6, "kJ/(kg K)": 1e9, "J/(g K)": 1e9}
+        ),
+        "viscosity": MappingProxyType({"Pa s": 1e-6, "mPa s": 1e-9, "cP": 1e-9, "MPa s": 1.0}),
+        "diffusivity": MappingProxyType(
+            {"m2/s": 1e6, "m²/s": 1e6, "cm2/s": 1e2, "cm²/s": 1e2, "mm2/s": 1.0, "mm²/s": 1.0}
+        ),
     }
 )
-"""What one of each unit is in MPa and in t/mm³."""
+"""What one of each unit is in mm, t, s and K, by dimension."""
 
-KEYS = ("title", "source", "youngs_modulus", "poissons_ratio", "density")
+TEXTS = ("title", "source")
 
 
 def material(name: str) -> Material:
-    """Return a material of the presets, in mm-N-MPa.
+    """Return a material of the presets, in mm, t, s and K.
 
     Raises
     ------
@@ -44,8 +55,9 @@ def material(name: str) -> Material:
 def read_material(path: Path) -> Material:
     """Return the material that a TOML file describes; its name is the file's.
 
-    The file holds ``youngs_modulus = "210 GPa"``, ``poissons_ratio = 0.3``,
-    ``density = "7850 kg/m3"``, ``title`` and ``source``.
+    The file holds ``title``, ``source`` and what is known: ``youngs_modulus = "210 GPa"``,
+    ``poissons_ratio = 0.3``, ``density = "7850 kg/m3"``, ``conductivity = "50 W/(m K)"``,
+    ``specific_heat = "440 J/(kg K)"``, ``viscosity = "1 mPa s"``, ``diffusivity = "2e-9 m2/s"``.
 
     Raises
     ------
@@ -53,35 +65,33 @@ def read_material(path: Path) -> Material:
         Naming file and key, what was got and what was wanted.
     """
     try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        given = read_table(path)
+    except RecipeError as error:
         raise RecipeError(f"{path}: cannot be read as a material: {error}") from None
-    unknown, missing = sorted(set(given) - set(KEYS)), sorted(set(KEYS) - set(given))
-    if unknown or missing:
-        raise RecipeError(
-            f"{path}: unknown keys {unknown}, missing keys {missing}; wanted {', '.join(KEYS)}"
-        )
-    ratio = given["poissons_ratio"]
-    if not isinstance(ratio, (int, float)) or isinstance(ratio, bool):
-        raise RecipeError(f"{path}: poissons_ratio: got {ratio!r}; wanted a number")
+    for key in given:
+        if key not in (*TEXTS, *PROPERTIES):
+            raise RecipeError(f"{path}: {key}: unknown key{nearest(key, (*TEXTS, *PROPERTIES))}")
+    missing = [key for key in TEXTS if key not in given]
+    if missing or not set(given) - set(TEXTS):
+        wanted = " and ".join(missing) or f"some of {', '.join(PROPERTIES)}"
+        raise RecipeError(f"{path}: a material lacks {wanted}")
+    known = {key: _quantity(path, key, given[key]) for key in PROPERTIES if key in given}
     try:
-        return Material(
-            path.stem,
-            _quantity(path, "youngs_modulus", given),
-            float(ratio),
-            _quantity(path, "density", given),
-            str(given["source"]),
-        )
+        return Material(path.stem, source=str(given["source"]), **known)
     except MeshError as error:
         raise RecipeError(f"{path}: {error}") from None
 
 
-def _quantity(path: Path, key: str, given: Mapping[str, object]) -> float:
-    number, _, unit = str(given[key]).strip().partition(" ")
-    factors = UNITS[key]
+def _quantity(path: Path, key: str, value: object) -> float:
+    if PROPERTIES[key] == "number":
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            raise RecipeError(f"{path}: {key}: got {value!r}; wanted a number")
+        return float(value)
+    number, _, unit = str(value).strip().partition(" ")
+    factors = UNITS[PROPERTIES[key]]
     try:
-        return float(number) * factors[unit.strip()]
+        return float(number) * factors[" ".join(unit.split())]
     except (ValueError, KeyError):
         raise RecipeError(
-            f"{path}: {key}: got {given[key]!r}; wanted a number and one of {', '.join(factors)}"
+            f"{path}: {key}: got {value!r}; wanted a number and one of {', '.join(factors)}"
         ) from None
