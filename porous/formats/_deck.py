@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 PROCEDURES = ("static", "modal", "conduction")
 """What steps are written."""
 
-REFERENCE = "REF_"
-"""What the sets of a reference node are called: this, and the part of pairs it drives."""
+REFERENCE, FAR = "REF_", "FAR_"
+"""How the names begin of the sets of a reference node, and of the nodes that lie a period on; then
+comes the part of pairs."""
 TEMPERATURE = 11
 SLAB = 10_000
 PER_LINE = 16
@@ -85,6 +86,15 @@ class Deck:
             number = len(self.mesh.points) + 1 + index
             yield lines(f"*NODE, NSET={self._reference(name)}")
             yield lines(f"{number}, {x:.9e}, {y:.9e}, {z:.9e}")
+
+    def far(self) -> Iterator[bytes]:
+        """Give the sets on which the forces are added up that drive each part of pairs.
+
+        CalculiX prints no reaction at a reference node: its RF are the forces of the elements.
+        """
+        for index, name in enumerate(self.job.tied if self.ties else ()):
+            assert self.ties is not None
+            yield from node_set("NSET", FAR + self.names[name], self.ties.far(index) + 1)
 
     def equations(self) -> Iterator[bytes]:
         """Give the equation of every node that is tied: u = u(root) + whole numbers of u(REF_…).
@@ -204,7 +214,7 @@ class Deck:
         """Give what is printed, and what is kept for pictures."""
         heat, modal = step.procedure == "conduction", step.procedure == "modal"
         sets = [self.names[name] for name in dict.fromkeys(held.part for held in step.held)]
-        sets += [self._reference(name) for name in (self.job.tied if step.gradient else ())]
+        sets += [FAR + self.names[name] for name in (self.job.tied if step.gradient else ())]
         for name in () if modal else sets:
             yield f"*NODE PRINT, NSET={name}, TOTALS=ONLY"
             yield "RFL" if heat else "RF"
@@ -254,6 +264,15 @@ def rows(table: NDArray[np.int64], line: str = "") -> Iterator[bytes]:
 def _broken(count: int) -> str:
     parts = (["%d"] * min(PER_LINE, count - i) for i in range(0, count, PER_LINE))
     return ",\n".join(", ".join(part) for part in parts) + "\n"
+
+
+def node_set(kind: str, name: str, numbers: NDArray[np.int64]) -> Iterator[bytes]:
+    """Give a set of nodes (``NSET``) or elements (``ELSET``), in its own order."""
+    unsorted = kind == "NSET" and (np.diff(numbers) < 0).any()
+    yield lines(f"*{kind}, {kind}={name}{', UNSORTED' if unsorted else ''}")
+    whole = len(numbers) // PER_LINE * PER_LINE
+    yield from rows(numbers[:whole].reshape(-1, PER_LINE))
+    yield from rows(numbers[None, whole:])
 
 
 def set_name(text: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats._deck import (
-    PER_LINE,
+    FAR,
     PROCEDURES,
     REFERENCE,
     SLAB,
@@ -28,6 +28,7 @@ from porous.formats._deck import (
     Deck,
     comment,
     lines,
+    node_set,
     plain,
     rows,
     set_name,
@@ -213,6 +214,7 @@ def write(value: Job | VolumeMesh) -> Iterator[bytes]:
         if not (names[key] == every and len(part.members) == mesh.cells):
             yield from _part(names[key], part)
     if deck is not None:
+        yield from deck.far()
         yield from deck.equations()
         yield from deck.materials()
         yield from deck.steps()
@@ -264,17 +266,9 @@ def _part(name: str, part: Part) -> Iterator[bytes]:
         yield from rows(numbers, "%d, S%d\n")
     elif part.kind == "pairs":
         for end, column in zip(ENDS, numbers.T, strict=True):
-            yield from _set("NSET", f"{name}_{end}", column)
+            yield from node_set("NSET", f"{name}_{end}", column)
     else:
-        yield from _set("NSET" if part.kind == "nodes" else "ELSET", name, numbers)
-
-
-def _set(kind: str, name: str, numbers: NDArray[np.int64]) -> Iterator[bytes]:
-    unsorted = kind == "NSET" and (np.diff(numbers) < 0).any()
-    yield lines(f"*{kind}, {kind}={name}{', UNSORTED' if unsorted else ''}")
-    whole = len(numbers) // PER_LINE * PER_LINE
-    yield from rows(numbers[:whole].reshape(-1, PER_LINE))
-    yield from rows(numbers[None, whole:])
+        yield from node_set("NSET" if part.kind == "nodes" else "ELSET", name, numbers)
 
 
 def _everything(mesh: VolumeMesh, names: Mapping[str, str]) -> str:
@@ -296,7 +290,7 @@ def _set_names(mesh: VolumeMesh, tied: Sequence[str]) -> dict[str, str]:
     for key, name in names.items():
         part = mesh.parts[key]
         own = [name] if part.kind != "pairs" else [f"{name}_{end}" for end in ENDS]
-        own += [REFERENCE + name] if key in tied else []
+        own += [REFERENCE + name, FAR + name] if key in tied else []
         for one in own:
             kind = "nodes" if part.kind == "pairs" else part.kind
             first = seen.setdefault((kind, one), key)

@@ -19,7 +19,7 @@ class ConductionSection(TwoPhaseSection):
 
     PROCEDURES: ClassVar[tuple[str, ...]] = ("conduction",)
 
-    analysis: Literal["conduction"] = Field(description='"conduction"')
+    analysis: Literal["conduction"] = Field(default="conduction", description='"conduction"')
     axis: Axis = Field(default="z", description='"x", "y" or "z": of the sides that are held')
     temperatures: Annotated[tuple[float, float], Field(strict=False)] = Field(
         default=(0.0, 1.0), description="two numbers: of the MIN and of the MAX side, in K"

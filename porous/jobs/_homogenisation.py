@@ -41,7 +41,9 @@ class HomogenisationSection(TwoPhaseSection):
 
     PROCEDURES: ClassVar[tuple[str, ...]] = ("static", "conduction")
 
-    analysis: Literal["homogenisation"] = Field(description='"homogenisation"')
+    analysis: Literal["homogenisation"] = Field(
+        default="homogenisation", description='"homogenisation"'
+    )
     property: Literal["stiffness", "conductivity"] = Field(
         default="stiffness", description='"stiffness" or "conductivity"'
     )

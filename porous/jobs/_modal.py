@@ -21,7 +21,7 @@ class ModalSection(SimulationSection):
 
     PROCEDURES: ClassVar[tuple[str, ...]] = ("modal",)
 
-    analysis: Literal["modal"] = Field(description='"modal"')
+    analysis: Literal["modal"] = Field(default="modal", description='"modal"')
     clamped: Literal["XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX", "none"] = Field(
         default="ZMIN", description='the side that is held, "XMIN" … "ZMAX", or "none"'
     )

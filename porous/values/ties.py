@@ -32,6 +32,25 @@ class Ties(NamedTuple):
     periods: NDArray[np.float64]
     """(parts, 3): from the first node of a pair to the second, in the mesh's unit."""
 
+    def far(self, part: int) -> Indices:
+        """Return the tied nodes that lie a period on from others of their root, along one part.
+
+        Forces on the nodes of a root add up to nothing, so the sum of those on these nodes, times
+        the period, is the moment of all: the mean stress times the volume.
+
+        Raises
+        ------
+        MeshError
+            Where nodes lie several periods apart.
+        """
+        own = self.offset[:, part]
+        least = np.zeros(len(own), dtype=np.int64)
+        np.minimum.at(least, self.root, own)
+        steps = own - least[self.root]
+        if steps.max(initial=0) > 1:
+            raise MeshError("pairs: nodes tied to each other lie several periods apart")
+        return np.flatnonzero(steps)
+
 
 def ties(mesh: VolumeMesh, names: Sequence[str]) -> Ties:
     """Return what parts of pairs tie; edges and corners, which are in several, are tied once.
