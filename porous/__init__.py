@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from porous.stages import (
         Finer,
         beams,
+        branches,
         exact_surface,
         extract_surface,
         hexahedralize,
@@ -94,6 +95,7 @@ _HOMES = {
     "stages": (
         "Finer",
         "beams",
+        "branches",
         "exact_surface",
         "extract_surface",
         "hexahedralize",
@@ -159,6 +161,7 @@ __all__ = [
     "VoxelGrid",
     "bcifs",
     "beams",
+    "branches",
     "build",
     "cifs",
     "exact_surface",
