@@ -2,7 +2,6 @@
 
 from porous.stages._beams import beams
 from porous.stages._branches import branches
-from porous.stages._branches import branches
 from porous.stages._exact_surface import exact_surface
 from porous.stages._extract_surface import extract_surface
 from porous.stages._hexahedralize import hexahedralize
@@ -25,7 +24,6 @@ __all__ = [
     "SampledModel",
     "StreamedSurface",
     "beams",
-    "branches",
     "branches",
     "exact_surface",
     "extract_surface",
