@@ -31,6 +31,8 @@ HEADER = 64 * 1024
 """The longest header that is read, in bytes."""
 RATIO = 1032
 """Deflate makes at most this many bytes of one (zlib, "Maximum Expansion Factor")."""
+ZLIB_OR_GZIP = 32 + zlib.MAX_WBITS
+"""What zlib is told, so that a stream's head says which of the two it is."""
 ELEMENTS, DEPTH = 10_000, 64
 """The most elements and the deepest nesting of an XML file's head."""
 LONG_TAG = re.compile(rb"<[^<>]{%d}" % HEADER)
@@ -98,15 +100,23 @@ def need(wanted: int, have: int, what: str, *, unit: str = "bytes") -> None:
 
 def inflate(blob: bytes | memoryview, size: int, what: str) -> bytes:
     """Return the ``size`` bytes that ``blob`` holds compressed by zlib, and not one more."""
+    return inflate_first(blob, size, what)[0]
+
+
+def inflate_first(blob: bytes | memoryview, size: int, what: str) -> tuple[bytes, int]:
+    """Return the ``size`` bytes of the stream of zlib or gzip that ``blob`` begins with.
+
+    Also returns how many bytes of ``blob`` the stream takes; what follows is left to the caller.
+    """
     need(size, RATIO * len(blob), what)
-    machine = zlib.decompressobj()
+    machine = zlib.decompressobj(ZLIB_OR_GZIP)
     try:
         result = machine.decompress(blob, size + 1)
     except zlib.error as error:
         raise FormatError(f"{what}: compressed bytes are damaged ({error})") from None
     if len(result) != size or not machine.eof:
         raise FormatError(f"{what}: did not decompress to {size} bytes as its header says")
-    return result
+    return result, len(blob) - len(machine.unused_data)
 
 
 def numbers(text: bytes, what: str, *, most: int | None = None) -> NDArray[np.float64]:
