@@ -1,0 +1,77 @@
+"""OpenFOAM as a judge of cases: what checkMesh finds in a folder that we wrote."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+PLACE = "/usr/share/openfoam"
+NUMBER = r"([-+\d.e]+)"
+SHAPES = {"hexahedra": "hex8", "prisms": "wed6", "tetrahedra": "tet4"}
+
+
+def openfoam(program, folder, *arguments, seconds=60.0):
+    """Run a program of OpenFOAM on a case, and return what it printed, at most 4 MiB."""
+    environment = {"WM_PROJECT_DIR": PLACE, **os.environ}
+    log = Path(folder) / f"log.{Path(program).name}"
+    with log.open("wb") as output:
+        done = subprocess.run(
+            [program, "-case", str(folder), *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            timeout=seconds,
+            check=False,
+        )
+    with log.open(encoding="utf-8", errors="replace") as stream:
+        said = stream.read(2**22)
+    assert done.returncode == 0, said[-2000:]
+    return said
+
+
+def check_mesh(program, folder):
+    """Return what ``checkMesh -allGeometry -allTopology`` finds.
+
+    A dictionary: ``ok`` (whether it says "Mesh OK"), ``nodes``, ``elements`` by shape, ``volume``
+    in m³, ``regions``, ``non_orthogonality`` in degrees, ``patches`` (faces of each),
+    ``face_sets``, ``cell_sets`` and ``node_sets`` (members of each zone), and ``said``: all that
+    it printed.
+    """
+    said = openfoam(program, folder, "-allGeometry", "-allTopology", "-constant")
+    count = dict(re.findall(r"^    (\w[\w ]*): +(\d+)$", said, re.M))
+    kinds = {shape: int(count[name]) for name, shape in SHAPES.items() if int(count[name])}
+    others = sum(int(count[name]) for name in ("wedges", "pyramids", "tet wedges", "polyhedra"))
+    return {
+        "ok": "\nMesh OK." in said,
+        "nodes": int(count["points"]),
+        "elements": kinds | ({"others": others} if others else {}),
+        "volume": after(said, rf"Total volume = {NUMBER}\.  Cell"),
+        "regions": after(said, r"Number of regions: (\d+)"),
+        "non_orthogonality": after(said, rf"non-orthogonality Max: {NUMBER}"),
+        "patches": patches(folder),
+        "face_sets": zones(folder, "face"),
+        "cell_sets": zones(folder, "cell"),
+        "node_sets": zones(folder, "point"),
+        "said": said,
+    }
+
+
+def after(said, pattern):
+    """Return the number that follows a phrase; NaN where it was not said."""
+    found = re.search(pattern, said)
+    return float(found[1]) if found else float("nan")
+
+
+def patches(folder):
+    """Return how many faces each patch has."""
+    text = (Path(folder) / "constant" / "polyMesh" / "boundary").read_text()
+    return {name: int(n) for name, n in re.findall(r"(\S+)\s*\{[^}]*?nFaces\s+(\d+);", text)}
+
+
+def zones(folder, kind):
+    """Return how many members each zone of a kind has: cell, face or point."""
+    path = Path(folder) / "constant" / "polyMesh" / f"{kind}Zones"
+    text = path.read_text() if path.exists() else ""
+    found = re.findall(rf"^(\S+)\n\{{\n    type {kind}Zone;\n[^\n]*List<label>\n(\d+)$", text, re.M)
+    return {name: int(n) for name, n in found}
