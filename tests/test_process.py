@@ -103,3 +103,19 @@ def test_a_workplace_that_cannot_be(monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", "/no/such/folder")
     with pytest.raises(GuestError, match="temporary folder"), workplace():
         pass
+
+
+def test_a_guest_that_never_stops_talking_is_stopped(tmp_path):
+    begin = time.monotonic()
+    with pytest.raises(GuestError, match=r"more than the 100000 that a guest may.*'word'"):
+        shell("yes word", tmp_path, most_said=100_000)
+    with pytest.raises(GuestError, match="more than the 100000"):
+        shell(f"{CHILD} & yes oops >&2", tmp_path, most_said=100_000)
+    assert time.monotonic() - begin < 10
+    assert gone(tmp_path / "child")
+
+
+def test_what_was_said_before_the_end_counts(tmp_path):
+    with pytest.raises(GuestError, match="printed 3000 bytes, more than the 2000"):
+        shell("head -c 3000 /dev/zero", tmp_path, most_said=2000)
+    assert len(shell("head -c 2000 /dev/zero", tmp_path, most_said=2000).output) == 2000

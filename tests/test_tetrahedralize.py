@@ -1,15 +1,17 @@
 """Tetrahedra of closed surfaces: volume, quality, refusals before the mesher starts, its death."""
 
 import itertools
+import time
 import tomllib
 
 import numpy as np
+import psutil
 import pytest
 import systems
 
 from porous import load, run
 from porous.errors import Cancelled, GuestError, MeshError, RecipeError
-from porous.guests import tetwild
+from porous.guests import process, tetwild
 from porous.guests.tetwild import signed_volumes
 from porous.models.boundary import exact_boundary
 from porous.models.primitive import named
@@ -199,26 +201,119 @@ def test_lengths_that_are_none_are_refused(option, value):
         tetrahedralize(CUBE, **{option: value})
 
 
+def standing_in(folder):
+    """Return the processes whose current folder lies in a folder, or lay there before it went."""
+    running = psutil.process_iter(["cwd", "status"])
+    there = [one for one in running if (one.info["cwd"] or "").startswith(str(folder))]
+    return [one for one in there if one.info["status"] != psutil.STATUS_ZOMBIE]
+
+
+@pytest.fixture
+def nothing_left(tmp_path, monkeypatch):
+    """Fail where a call leaves a process, or a file in the temporary folder or where it stands."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    monkeypatch.chdir(here)
+    monkeypatch.setattr("tempfile.tempdir", str(there))
+    yield there
+    assert not list(here.iterdir())
+    assert not list(there.iterdir())
+    for _ in range(50):
+        if not standing_in(there):
+            return
+        time.sleep(0.02)
+    pytest.fail(f"still there: {standing_in(there)}")
+
+
+guarded = pytest.mark.usefixtures("nothing_left")
+
+
+@guarded
 def test_time_is_up():
-    with pytest.raises(GuestError, match="time limit"):
+    with pytest.raises(GuestError, match=r"time limit of 0\.1 s"):
         tetrahedralize(CUBE, time_limit=0.1)
 
 
-def test_progress_cancels():
-    def stop(_stage, _done):
-        raise Cancelled("enough")
+def test_progress_cancels_while_the_mesher_runs(nothing_left):
+    told = []
+
+    def stop(stage, done):
+        told.append((stage, done))
+        if len(told) > 3:
+            assert standing_in(nothing_left)
+            raise Cancelled("enough")
 
     with pytest.raises(Cancelled):
-        tetrahedralize(CUBE, progress=stop)
+        tetrahedralize(CUBE, edge_length=0.02, progress=stop)
+    assert set(told) == {("volume", 0.0)}
 
 
-def test_a_mesher_that_dies_is_told(monkeypatch):
-    monkeypatch.setattr(tetwild.sys, "executable", "/bin/false")
-    with pytest.raises(GuestError, match="pytetwild failed with exit code 1"):
+def worker(monkeypatch, code):
+    """Have the mesher's process do something else."""
+
+    def run(command, **options):
+        process.run([command[0], "-c", code, *command[-2:]], **options)
+
+    monkeypatch.setattr(tetwild, "run", run)
+
+
+@guarded
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "was ended by SIGSEGV"),
+        ("raise SystemExit(3)", "pytetwild failed with exit code 3"),
+        ("pass", "ended without a mesh"),
+        ("open('out.npz', 'w').write('junk')", "no mesh but something else"),
+        ("open('out.npz', 'wb').write(b'PK' + bytes(99))", "no mesh but something else"),
+        ("open('out.npz', 'wb')", "no mesh but something else"),
+        ("import numpy; numpy.savez('out.npz', points=0)", "no mesh but something else"),
+        (
+            "import numpy; numpy.savez('out.npz', points=numpy.eye(3), tets=[[0, 1, 2, 3]])",
+            "tetrahedra of points that are not there",
+        ),
+        (
+            "import numpy as n; n.savez('out.npz', points=n.ones((4, 3)) * n.nan, tets=[[0] * 4])",
+            "points that are none",
+        ),
+        (
+            "import numpy; numpy.savez('out.npz', points=numpy.eye(4)[:, :3], tets=numpy.eye(4))",
+            "tetrahedra of points that are not there",
+        ),
+    ],
+)
+def test_a_mesher_that_dies_or_talks_nonsense_is_told(monkeypatch, code, words):
+    worker(monkeypatch, code)
+    with pytest.raises(GuestError, match=words):
         tetrahedralize(CUBE)
-    monkeypatch.setattr(tetwild.sys, "executable", "/bin/true")
-    with pytest.raises(GuestError, match="without a mesh"):
+
+
+@guarded
+def test_a_mesher_that_hangs_or_floods_is_ended_with_its_children(monkeypatch):
+    child = "import subprocess, time; subprocess.Popen(['sleep', '60']); "
+    worker(monkeypatch, child + "time.sleep(60)")
+    with pytest.raises(GuestError, match=r"time limit of 0\.7 s"):
+        tetrahedralize(CUBE, time_limit=0.7)
+    monkeypatch.setattr(process, "MOST_SAID", 1000)
+    worker(monkeypatch, child + "\nwhile True: print('more and more')")
+    with pytest.raises(GuestError, match="it printed"):
         tetrahedralize(CUBE)
+
+
+def test_all_attempts_together_have_the_time_that_was_given(monkeypatch):
+    limits = []
+
+    def run(_command, *, folder, time_limit, **_):
+        limits.append(time_limit)
+        time.sleep(0.2)
+        np.savez(folder / "out.npz", points=SMALL[0], tets=np.array(SMALL[1]))
+
+    monkeypatch.setattr(tetwild, "run", run)
+    with pytest.raises(GuestError, match="% off"):
+        tetrahedralize(TET.surface(), time_limit=5.0)
+    assert limits[0] == pytest.approx(5, abs=0.1)
+    assert limits[1] == pytest.approx(4.8, abs=0.2)
 
 
 def answer(monkeypatch, *meshes):

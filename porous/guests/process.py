@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -24,6 +25,13 @@ STEP = 0.05
 
 LINES = 5
 """How many of a guest's last lines an error tells."""
+
+MOST_SAID = 1 << 26
+"""Bytes that a guest may print on either stream: a program that asks for input that never comes
+can fill a disk with its questions."""
+
+
+STREAMS = ("guest.out", "guest.err")
 
 
 @dataclass(frozen=True)
@@ -58,6 +66,7 @@ def run(
     time_limit: float,
     watch: Watch | None = None,
     environment: Mapping[str, str] | None = None,
+    most_said: int | None = None,
 ) -> Finished:
     """Run a program to its end and return what it said.
 
@@ -76,20 +85,25 @@ def run(
         guest.
     environment
         Variables to set besides those of this process.
+    most_said
+        Bytes that it may print on its output, and as many on its errors; ``MOST_SAID`` by default.
 
     Raises
     ------
     GuestError
-        Where the program is absent, ends with a code other than zero or by a signal, or takes
-        longer than ``time_limit``. Whatever ends this call ends the guest and all its children.
+        Where the program is absent, ends with a code other than zero or by a signal, takes
+        longer than ``time_limit`` or prints more than ``most_said``. Whatever ends this call ends
+        the guest and all its children.
     """
-    out, err = folder / "guest.out", folder / "guest.err"
+    out, err = (folder / stream for stream in STREAMS)
+    check = partial(_check_said, name, folder, MOST_SAID if most_said is None else most_said)
     with out.open("wb") as output, err.open("wb") as errors:
         process = _start(command, name, folder, (output, errors), environment)
         try:
-            code = _wait(process, name, time_limit, watch)
+            code = _wait(process, name, time_limit, watch, check)
         finally:
             _kill_group(process)
+    check()
     said = Finished(*(path.read_text(errors="replace") for path in (out, err)))
     if code:
         raise GuestError(f"{name} {_end(code)}{_last_lines(said)}")
@@ -119,20 +133,37 @@ def _start(
 
 
 def _wait(
-    process: subprocess.Popen[bytes], name: str, time_limit: float, watch: Watch | None
+    process: subprocess.Popen[bytes],
+    name: str,
+    time_limit: float,
+    watch: Watch | None,
+    check: Callable[[], None],
 ) -> int:
     start = time.monotonic()
     while True:
         with contextlib.suppress(subprocess.TimeoutExpired):
             return process.wait(STEP)
+        check()
         gone = time.monotonic() - start
         if gone > time_limit:
             raise GuestError(
-                f"{name} was stopped after its time limit of {time_limit:g} s; "
+                f"{name} was stopped after its time limit of {round(time_limit, 2):g} s; "
                 "give it a simpler input or a longer time_limit"
             )
         if watch is not None:
             watch(gone)
+
+
+def _check_said(name: str, folder: Path, most: int) -> None:
+    for stream in STREAMS:
+        size = (folder / stream).stat().st_size
+        if size > most:
+            with (folder / stream).open("rb") as said:
+                start = said.read(200).decode(errors="replace").strip().splitlines()
+            raise GuestError(
+                f"{name} was stopped: it printed {size} bytes, more than the {most} that a guest "
+                f"may; it began with {start[0] if start else ''!r}"
+            )
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
