@@ -9,6 +9,7 @@ table of a recipe, a ``SimulationSection`` with ``analysis: Literal["<analysis>"
 from porous.jobs._analyses import DEFAULT, prepare, sections
 from porous.jobs._compression import compression
 from porous.jobs._material import material
+from porous.jobs._results import results
 from porous.jobs._section import SimulationSection, TwoPhaseSection
 
 __all__ = [
@@ -18,5 +19,6 @@ __all__ = [
     "compression",
     "material",
     "prepare",
+    "results",
     "sections",
 ]
