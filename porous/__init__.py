@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from porous import measures
+    from porous.adapters import to_porespy, to_pyvista, to_skfem, to_taufactor, to_trimesh
     from porous.certificate import Certificate
     from porous.errors import (
         Cancelled,
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from porous.workspace import make, make_stored, resume
 
 _HOMES = {
+    "adapters": ("to_porespy", "to_pyvista", "to_skfem", "to_taufactor", "to_trimesh"),
     "certificate": ("Certificate",),
     "errors": (
         "Cancelled",
@@ -187,6 +189,11 @@ __all__ = [
     "stream_surface",
     "tetrahedralize",
     "tetrahedralize_phases",
+    "to_porespy",
+    "to_pyvista",
+    "to_skfem",
+    "to_taufactor",
+    "to_trimesh",
     "tree",
     "voxelize",
     "warp",

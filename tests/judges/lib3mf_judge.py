@@ -69,4 +69,4 @@ def described(path):
     return {"warnings": warnings, "unit": model.GetUnit().name, "meshes": rows, "names": names}
 
 
-print(json.dumps({path: described(path) for path in sys.argv[1:]}))
+sys.stdout.write(json.dumps({path: described(path) for path in sys.argv[1:]}))
