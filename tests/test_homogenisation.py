@@ -1,0 +1,308 @@
+"""Effective properties of periodic cells from our own decks: closed forms, limits, references."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import systems
+from naive_boundary import prefractal
+
+from porous.errors import MeshError
+from porous.formats import inp
+from porous.guests import ccx
+from porous.jobs import prepare, results, sections
+from porous.jobs._homogenisation import PAIRS, STRAINS
+from porous.stages import hexahedralize, name_parts
+from porous.values import Frame, Material, Part, VoxelGrid
+from porous.values.ties import ties
+
+SPACING = (0.5, 0.25, 1.0)
+
+
+def periodic(solid, spacing=SPACING, unit="mm"):
+    frame = Frame((0, 0, 0), spacing, solid.shape, periodic=(True,) * 3, unit=unit)
+    return name_parts(hexahedralize(VoxelGrid.of_solid(solid, frame)), frame.box)
+
+
+def job_of(mesh, materials=None, **options):
+    """Return a job of homogenisation; materials by part stand in for those of the presets."""
+    names = {"material": "steel"} | ({"pore_material": "copper"} if "PORE" in mesh.parts else {})
+    made = prepare(mesh, sections()["homogenisation"](**names, **options))
+    return replace(made, materials=materials) if materials else made
+
+
+def solved(job, program):
+    solution = ccx.solve(inp.write(job), program=program)
+    return results(job, solution.steps), solution
+
+
+def tensor(measures):
+    stiffness = np.zeros((6, 6))
+    for i, j in itertools.combinations_with_replacement(range(6), 2):
+        stiffness[i, j] = stiffness[j, i] = measures[f"effective_stiffness_{i + 1}{j + 1}"].value
+    return stiffness
+
+
+def isotropic(E, nu):
+    lame, shear = E * nu / (1 + nu) / (1 - 2 * nu), E / 2 / (1 + nu)
+    stiffness = np.diag([2 * shear] * 3 + [shear] * 3)
+    stiffness[:3, :3] += lame
+    return stiffness
+
+
+def laminate(shares, layers):
+    """Return the stiffness of layers normal to z (Backus 1962), each of E and ν."""
+    lame = np.array([E * nu / (1 + nu) / (1 - 2 * nu) for E, nu in layers])
+    shear = np.array([E / 2 / (1 + nu) for E, nu in layers])
+    M = lame + 2 * shear
+    mean = lambda values: np.dot(shares, values)  # noqa: E731
+    C33, C44, C66 = 1 / mean(1 / M), 1 / mean(1 / shear), mean(shear)
+    C13 = C33 * mean(lame / M)
+    C11 = mean(M - lame**2 / M) + C13**2 / C33
+    stiffness = np.diag([C11, C11, C33, C44, C44, C66])
+    stiffness[0, 1] = stiffness[1, 0] = C11 - 2 * C66
+    stiffness[:2, 2] = stiffness[2, :2] = C13
+    return stiffness
+
+
+# ------------------------------------------------------------------ ties
+
+
+def test_every_node_is_tied_straight_to_one_root():
+    mesh = periodic(np.ones((2, 3, 4), dtype=bool))
+    tied = ties(mesh, PAIRS)
+    assert len(np.unique(tied.root)) == 2 * 3 * 4
+    assert np.array_equal(tied.root[tied.root], tied.root)
+    apart = mesh.points - mesh.points[tied.root]
+    assert np.allclose(apart, tied.offset @ tied.periods)
+    assert np.allclose(tied.periods, np.diag([1.0, 0.75, 4.0]))
+    for part in range(3):
+        upper = np.flatnonzero(mesh.points[:, part] > tied.periods[part, part] - 1e-9)
+        assert np.array_equal(tied.far(part), upper)
+
+
+def test_pairs_that_lead_from_a_node_to_itself_are_refused():
+    mesh = periodic(np.ones((2, 2, 2), dtype=bool))
+    pairs = mesh.parts["XPAIRS"].members
+    wrong = {**mesh.parts, "XPAIRS": Part("pairs", np.vstack([pairs, pairs[:1, ::-1]]))}
+    with pytest.raises(MeshError, match="pairs lead from a node to itself"):
+        ties(replace(mesh, parts=wrong), PAIRS)
+
+
+def test_no_dependent_node_is_used_twice():
+    deck = b"".join(inp.write(job_of(periodic(np.ones((3, 2, 2), dtype=bool))))).decode()
+    equations = deck[deck.index("*EQUATION") :]
+    equations = equations[: equations.index("\n*M")].splitlines()[1:]
+    seen, index = [], 0
+    while index < len(equations):
+        if equations[index].startswith("**"):
+            index += 1
+            continue
+        count, text = int(equations[index]), ""
+        while text.count(",") + 1 < 3 * count:
+            index += 1
+            text += equations[index]
+        terms = np.array([float(word) for word in text.split(",")]).reshape(-1, 3)
+        assert len(terms) == count
+        seen.append(terms)
+        index += 1
+    dependent = [tuple(terms[0, :2]) for terms in seen]
+    others = {tuple(term[:2]) for terms in seen for term in terms[1:]}
+    assert len(set(dependent)) == len(dependent) == 3 * (4 * 3 * 3 - 12)
+    assert not others & set(dependent)
+    assert all(abs(terms[:2, 2].sum()) == 0 and terms[0, 2] == 1 for terms in seen)
+
+
+# ------------------------------------------------------------------ exact
+
+
+@pytest.mark.judge
+def test_a_block_is_as_stiff_as_what_it_is_made_of(judge):
+    steel = Material("steel", 210e3, 0.3)
+    job = job_of(periodic(np.ones((3, 2, 2), dtype=bool), unit="cm"), {"SOLID": steel})
+    found, solution = solved(job, judge("ccx"))
+    assert tensor(found) == pytest.approx(isotropic(210e3, 0.3), rel=1e-6, abs=1e-6 * 210e3)
+    for axis in "xyz":
+        assert found[f"effective_youngs_modulus_{axis}"].value == pytest.approx(210e3, rel=1e-6)
+    # Energies say the same as forces.
+    energies = [step["internal energy", "SOLID"][0] for step in solution.steps]
+    volume = 15 * 5 * 20
+    assert energies == pytest.approx(np.diag(isotropic(210e3, 0.3)) * volume * 1e3 / 2000, rel=1e-6)
+
+
+@pytest.mark.judge
+@pytest.mark.parametrize("units", ["mm-N-MPa", "m-SI"])
+def test_a_laminate_is_as_its_closed_form_says(judge, units):
+    made = {"SOLID": Material("hard", 210e3, 0.3, conductivity=50.0)}
+    made["PORE"] = Material("soft", 3e3, 0.4, conductivity=0.2)
+    mesh = periodic(np.ones((3, 2, 4), dtype=bool))
+    low = np.add.reduce(mesh.points[mesh.blocks[0].cells, 2], axis=1) / 8 < 1.0
+    layers = {
+        "SOLID": Part("cells", np.flatnonzero(low)),
+        "PORE": Part("cells", np.flatnonzero(~low)),
+    }
+    mesh = replace(mesh, parts={**mesh.parts, **layers})
+    shares = np.array([0.25, 0.75])
+    found, _ = solved(job_of(mesh, made, units=units), judge("ccx"))
+    exact = laminate(shares, [(210e3, 0.3), (3e3, 0.4)])
+    assert tensor(found) == pytest.approx(exact, rel=1e-6, abs=1e-6 * exact[0, 0])
+    heat, _ = solved(job_of(mesh, made, units=units, property="conductivity"), judge("ccx"))
+    along, across = shares @ [50.0, 0.2], 1 / (shares @ [1 / 50.0, 1 / 0.2])
+    for axis, wanted in zip("xyz", (along, along, across), strict=True):
+        assert heat[f"effective_conductivity_{axis}"].value == pytest.approx(wanted, rel=1e-6)
+    for pair in ("yz", "xz", "xy"):
+        assert heat[f"effective_conductivity_{pair}"].value == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.judge
+def test_a_sheared_cell_is_as_stiff_as_its_axes_say(judge):
+    """Layers that lean: a cell whose conductivity has off-diagonal terms and is known exactly."""
+    solid = np.ones((4, 2, 2), dtype=bool)
+    mesh = periodic(solid, (1.0, 1.0, 1.0))
+    shear = np.array([[1, 0, 0], [0, 1, 0], [0.5, 0, 1]])  # x moves with z
+    mesh = replace(mesh, points=mesh.points @ shear)
+    low = mesh.blocks[0].cells.min(axis=1) < np.median(mesh.blocks[0].cells.min(axis=1))
+    layers = {
+        "SOLID": Part("cells", np.flatnonzero(low)),
+        "PORE": Part("cells", np.flatnonzero(~low)),
+    }
+    mesh = replace(mesh, parts={**mesh.parts, **layers})
+    made = {"SOLID": Material("a", conductivity=3.0), "PORE": Material("b", conductivity=1.0)}
+    heat, _ = solved(job_of(mesh, made, property="conductivity"), judge("ccx"))
+    normal = np.array([1, 0, -0.5]) / np.hypot(1, 0.5)  # of planes that hold y and (½, 0, 1)
+    exact = 2.0 * np.eye(3) + (1 / (0.5 / 3 + 0.5) - 2.0) * np.outer(normal, normal)
+    for name, (i, j) in {"x": (0, 0), "y": (1, 1), "z": (2, 2), "xz": (0, 2)}.items():
+        assert heat[f"effective_conductivity_{name}"].value == pytest.approx(exact[i, j], rel=1e-6)
+
+
+# ------------------------------------------------------------------ what does not hold together
+
+
+def bars():
+    """Return three bars that pass each other in a cell of 5 × 5 × 5, and a voxel that touches one in an edge."""
+    solid = np.zeros((5, 5, 5), dtype=bool)
+    solid[:, 0, 0] = solid[2, :, 2] = solid[4, 2, :] = True
+    solid[2, 4, 4] = True
+    return periodic(solid, (1.0, 2.0, 4.0))
+
+
+def test_bars_that_may_turn_have_no_step_and_why():
+    job = job_of(bars())
+    assert not job.steps
+    assert "in one direction only" in job.why_no_step
+
+
+@pytest.mark.judge
+def test_bars_that_do_not_touch_lead_heat_each_by_itself(judge):
+    made = {"SOLID": Material("one", conductivity=1.0)}
+    job = job_of(bars(), made, property="conductivity")
+    assert job.mesh.cells == 15
+    assert len(job.mesh.parts["PINNED"].members) == 3
+    assert "1 bodies of 1 cells left out" in job.note
+    heat, _ = solved(job, judge("ccx"))
+    for axis in "xyz":
+        assert heat[f"effective_conductivity_{axis}"].value == pytest.approx(1 / 25, rel=1e-6)
+
+
+def test_an_island_is_no_material():
+    solid = np.zeros((4, 4, 4), dtype=bool)
+    solid[0, 0, :] = solid[0, :, 0] = solid[:, 0, 0] = True  # a jungle gym
+    solid[2, 2, 2] = True
+    job = job_of(periodic(solid))
+    assert job.mesh.cells == 10
+    assert "left out" in job.note
+    assert len(job.steps) == 6
+
+
+def test_bodies_that_wind_around_the_cell_are_told_by_all_their_ways():
+    # A stair along (1, 1, 0) passes two sides and yet goes on in one direction only.
+    solid = np.zeros((4, 4, 2), dtype=bool)
+    for i in range(4):
+        solid[i, i] = solid[i, (i + 1) % 4] = True
+    mesh = periodic(solid)
+    assert len(job_of(mesh).steps) == 6  # it goes on along z too
+    solid[:, :, 1] = False
+    solid[1, 2, 1] = False
+    flat = periodic(solid)
+    made = {**flat.parts, "ZPAIRS": flat.parts["XPAIRS"]}
+    with pytest.raises(MeshError, match="pairs lead"):  # pairs of two names contradict each other
+        job_of(replace(flat, parts=made), property="conductivity")
+    with pytest.raises(MeshError, match=r"no pairs of nodes ZPAIRS.*voxels\.periodic"):
+        job_of(flat)
+
+
+def test_totals_that_are_missing_are_told():
+    job = job_of(periodic(np.ones((2, 2, 2), dtype=bool)))
+    with pytest.raises(MeshError, match="0 steps; wanted 6"):
+        results(job, [])
+    with pytest.raises(MeshError, match="'strain-xx' has no total"):
+        results(job, [{}] * 6)
+
+
+# ------------------------------------------------------------------ Menger's sponge
+
+
+def limits(values):
+    """Return what three values on meshes of edges 4 : 2 : 1 tend to, and their order."""
+    coarse, middle, fine = np.asarray(values)
+    ratio = (coarse - middle) / (middle - fine)
+    return fine + (fine - middle) / (ratio - 1), np.log2(ratio)
+
+
+def menger(fine, program, **options):
+    solid = np.kron(prefractal(3, systems.MENGER, 1), np.ones((fine,) * 3, dtype=bool))
+    made = {"SOLID": Material("unit", 1.0, 0.3, conductivity=1.0)}
+    mesh = periodic(solid, (1 / (3 * fine),) * 3)
+    return solved(job_of(mesh, made, symmetry="cubic", **options), program)[0]
+
+
+@pytest.mark.judge
+@pytest.mark.slow
+def test_menger_is_as_stiff_as_the_reference(judge):
+    names = ["effective_stiffness_11", "effective_youngs_modulus_x", "effective_stiffness_44"]
+    values = [[menger(n, judge("ccx"))[name].value for name in names] for n in (2, 4, 8)]
+    limit, order = limits(values)
+    assert limit[0] == pytest.approx(0.625, abs=0.005)
+    assert limit[1] == pytest.approx(0.549, abs=0.004)
+    assert limit[2] == pytest.approx(0.158, abs=0.002)
+    # Edges of angle 3π/2 make the solution rough: energies converge with an order below two.
+    assert (order > 1).all()
+    assert (order < 1.5).all()
+    # Displacements that fit together are too stiff.
+    assert (np.diff(values, axis=0) < 0).all()
+    assert (limit < values[-1]).all()
+
+
+@pytest.mark.judge
+@pytest.mark.slow
+def test_menger_leads_heat_as_the_reference(judge):
+    values = [
+        menger(n, judge("ccx"), property="conductivity")["effective_conductivity_x"].value
+        for n in (2, 4, 8)
+    ]
+    limit, order = limits(values)
+    assert limit == pytest.approx(0.5866, abs=0.002)
+    assert 1 < order < 1.5
+    assert values[0] > values[1] > values[2] > limit
+
+
+@pytest.mark.judge
+def test_symmetry_says_what_all_cases_say(judge):
+    cubic = menger(2, judge("ccx"))
+    solid = np.kron(prefractal(3, systems.MENGER, 1), np.ones((2, 2, 2), dtype=bool))
+    made = {"SOLID": Material("unit", 1.0, 0.3)}
+    every, _ = solved(job_of(periodic(solid, (1 / 6,) * 3), made), judge("ccx"))
+    assert tensor(cubic) == pytest.approx(tensor(every), rel=1e-6, abs=1e-6)
+    assert np.isnan(every["effective_stiffness_11"].uncertainty)
+    assert "discretisation not included" in every["effective_stiffness_11"].method
+
+
+def test_load_cases_are_in_voigts_order():
+    job = job_of(periodic(np.ones((2, 2, 2), dtype=bool)))
+    assert [step.name for step in job.steps] == [f"strain-{name}" for name in STRAINS]
+    for step, (i, j) in zip(job.steps, STRAINS.values(), strict=True):
+        strain = np.reshape(step.gradient, (3, 3))
+        assert np.array_equal(strain, strain.T)
+        assert strain[i, j] == (1.0 if i == j else 0.5)
+        assert strain.sum() == 1
