@@ -107,8 +107,8 @@ def held_patch(mesh: VolumeMesh, part: str) -> str:
     FormatError
         Where a part is no side, or the mesh has no face on it.
     """
-    if part not in SIDES or f"{part}_FACES" not in mesh.parts:
-        there = [side for side in SIDES if f"{side}_FACES" in mesh.parts]
+    there = _sides(mesh)
+    if part not in there:
         raise FormatError(
             f"held {part}: OpenFOAM holds faces, not nodes; wanted a side of the box that the "
             f"mesh has faces on: {', '.join(there) or 'there is none'}"
@@ -116,9 +116,15 @@ def held_patch(mesh: VolumeMesh, part: str) -> str:
     return part
 
 
+def _sides(mesh: VolumeMesh) -> list[str]:
+    """Return the sides of the box that a mesh has faces on."""
+    parts = {side: mesh.parts.get(f"{side}_FACES") for side in SIDES}
+    return [side for side, part in parts.items() if part is not None and len(part.members)]
+
+
 def _patches(mesh: VolumeMesh, outer: Flags, start: int) -> tuple[Indices, dict[str, range]]:
     """Return the boundary's faces patch by patch, and the range of each, from ``start`` on."""
-    names = [side for side in SIDES if f"{side}_FACES" in mesh.parts]
+    names = _sides(mesh)
     patch = np.full(len(outer), len(names))
     for index, name in reversed(list(enumerate(names))):
         patch[_slots(mesh, mesh.parts[f"{name}_FACES"].members)] = index
