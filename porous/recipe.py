@@ -160,6 +160,29 @@ class VolumeSection(Section):
     time_limit: float | None = Field(
         default=None, gt=0, description="what a mesher may take at most, above zero, in seconds"
     )
+    phase: Literal["auto", "solid", "pore", "both"] = Field(
+        default="auto",
+        description='"auto", "solid", "pore" or "both": what is meshed; auto is what the analysis '
+        "needs, and solid without one",
+    )
+    order: Literal[1, 2] = Field(
+        default=1, description="1 or 2: of the elements; 2 has nodes in the middle of edges"
+    )
+    branches: int = Field(
+        default=0,
+        ge=0,
+        description="a whole number, zero or more: letters of the addresses by which cells are "
+        "put into sets, 0 for none",
+    )
+
+    @model_validator(mode="after")
+    def _can_be(self) -> VolumeSection:
+        if self.method == "cells" and self.phase in ("pore", "both"):
+            raise ValueError(
+                f'phase: got "{self.phase}", but a model\'s cells are its solid; wanted method = '
+                '"voxel-hex" or "tetwild"'
+            )
+        return self
 
 
 class Expected(Section):
@@ -189,6 +212,16 @@ class Recipe(Section):
     expect: dict[str, Expected] = Field(
         default_factory=dict, description="a table [expect] of measures"
     )
+
+    @property
+    def phase(self) -> str:
+        """What the volume mesh is of: ``"solid"``, ``"pore"`` or ``"both"``."""
+        if self.volume.phase != "auto":
+            return self.volume.phase
+        needed: str = getattr(type(self.simulation), "PHASE", "solid")
+        # Pores that are not filled with anything are not simulated.
+        filled = getattr(self.simulation, "pore_material", None) is not None
+        return "solid" if needed == "both" and not filled else needed
 
     @property
     def sha256(self) -> str:
@@ -313,22 +346,8 @@ def sections() -> Mapping[str, type[BaseModel]]:
     return MappingProxyType({kind: section for kind, section in found.items() if section})
 
 
-def analysis_of(table: Mapping[str, Any], name: str) -> type[SimulationSection]:
-    """Return the section class of a ``[simulation]`` table, or raise ``RecipeError``."""
-    analysis = table.get("analysis", jobs.DEFAULT)
-    if not isinstance(analysis, str) or analysis not in jobs.sections():
-        wanted = ", ".join(f'"{one}"' for one in jobs.sections())
-        raise RecipeError(
-            f"{name}: simulation.analysis: got {shown(analysis)}; wanted one of {wanted}"
-        )
-    return jobs.sections()[analysis]
-
-
-def _simulation(table: object, folder: Path, name: str) -> BaseModel:
-    if not isinstance(table, dict):
-        got = shown(table)
-        raise RecipeError(f"{name}: simulation: got {got}; wanted a table [simulation]")
-    section = analysis_of(table, name)
+def _simulation(table: Any, folder: Path, name: str) -> BaseModel:
+    section = jobs.section_of(table, name)
     _resolve_files(table, section, folder, name, "simulation")
     return _validated(section, table, name, ("simulation",))
 

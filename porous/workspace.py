@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LOG, LAST = "log.json", "measures.json"
 """Times and versions; and what comes last: a folder that has this file is whole."""
 
-KINDS = {"tet4": "tets", "tet10": "tets", "hex8": "hexes"}
+KINDS = {"tet4": "tets", "tet10": "tets", "hex8": "hexes", "hex20": "hexes"}
 """What the files of a volume mesh are called, by the shape of its cells; ``cells`` where they are
 the model's own."""
 

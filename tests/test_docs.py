@@ -56,6 +56,8 @@ def taken():
     rows += [*measure(cells, model=model)]
     rows += [*measure(rough, grid=grid), *measure(hexes, grid=grid), *measure(tets, model=model)]
     rows += [*measure(both), *measure(ifs(UNEQUAL, level=1, unit="cm"))]
+    rows += [*measure(hexahedralize(grid, phase="both"), grid=grid)]
+    rows += [*measure(replace(tets, cell_tags={"phase": np.zeros(1, np.int64)}))]
     bumpy = Rough(Box((0, 0, 0), (6, 7, 3)), (Skin("ZMAX", 2.2, 0.1, bumps=1),), "cm")
     rows += [*measure(bumpy), *measure(voxelize(bumpy, voxels=48), model=bumpy)]
     rows += [finest_printable_level(model, feature=0.1)]

@@ -6,6 +6,8 @@ import builtins
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from porous.errors import MeshError
 from porous.measures import _boxes, _pores, _porosity, _surface_area, _topology
 from porous.measures._census import Census, Extent, FillCounts
@@ -20,6 +22,7 @@ from porous.measures._mesh import (
     VolumeCensus,
     of_bulk,
     pinched_nodes,
+    volume_rows,
 )
 from porous.measures._model import model_rows
 from porous.measures._porosity import Amounts
@@ -30,7 +33,8 @@ from porous.models.model import HasBulk, HasCells, HasExact
 from porous.stages import StreamedSurface
 from porous.values import Measures, SurfaceMesh, Tiled, VolumeMesh
 from porous.values.surface_topology import check_closed
-from porous.values.volume_topology import hung_by_faces
+from porous.values.volume_mesh import PHASE
+from porous.values.volume_topology import extracted, hung_by_faces
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -56,6 +60,9 @@ GRID: Table[Census] = {
 
 COUNTED = (Sums, FillCounts, Extent, Pieces, PieceCounts, Sightings, _boxes.BoxSums)
 """Classes that counts of tiles are made of, besides arrays and numbers."""
+
+OF_BODY = {"volume", "components", "euler_number", "mesh_euler_number"}
+"""Rows of a mesh that are of the body it fills; all others are of its cells."""
 
 TETRAHEDRA = 1e-3
 """Part of the volume by which a tetrahedral mesh may differ from the surface that it fills."""
@@ -182,6 +189,10 @@ def _surface_rows(
 def _mesh_rows(
     mesh: VolumeMesh, model: Model | None, grid: Tiled | Census | None
 ) -> Iterator[Measure]:
+    phase = mesh.cell_tags.get(PHASE, np.ones(mesh.cells))
+    if np.isin(phase, (0, 1)).all() and not phase.all():
+        yield from _phase_rows(mesh, model, grid)
+        return
     census = VolumeCensus(mesh)
     if census.is_body:
         yield from _cell_rows(census, model)
@@ -194,7 +205,7 @@ def _mesh_rows(
         census.volume_doubt += (
             abs(total - amounts.everywhere * voxel) + amounts.everywhere_doubt * voxel
         )
-    rows = {name: row(census) for name, row in VOLUME.items()}
+    rows = volume_rows(census)
     if census.method == "tetrahedra" and model is not None and grid is None:
         rows = _by_convention(rows, model)
     periodic = (False, False, False) if grid is None else grid.frame.periodic
@@ -204,12 +215,54 @@ def _mesh_rows(
         yield from of_bulk(rows["volume"], None, bulk)
 
 
+def _phase_rows(
+    mesh: VolumeMesh, model: Model | None, grid: Tiled | Census | None
+) -> Iterator[Measure]:
+    """Yield the rows of a mesh of pores, or of solid and pores.
+
+    The solid is measured as a mesh of its own, and so are the pores; what is told of single cells
+    is told of all. Where no other bulk is known it is what both fill.
+    """
+    is_solid = mesh.cell_tags[PHASE] == 1
+    whole = VolumeCensus(VolumeMesh(mesh.points, mesh.blocks, unit=mesh.unit))
+    bare = whole.mesh
+    shapes = {name: row(whole) for name, row in VOLUME.items() if name not in OF_BODY}
+    bulk = _bulk_volume(model, grid)
+    if is_solid.any():
+        solid = list(_mesh_rows(hung_by_faces(extracted(bare, is_solid)), model, grid))
+        yield from (row for row in solid if row.name in OF_BODY or row.name not in shapes)
+        if bulk is None:
+            volume = next(row for row in solid if row.name == "volume")
+            yield from of_bulk(volume, None, float(whole.volumes.sum()))
+    yield from shapes.values()
+    pores = VolumeCensus(extracted(bare, ~is_solid))
+    pores.volume_doubt += _pore_doubt(pores, model, grid)
+    total = float(pores.volumes.sum())
+    row = pores.row("pore_volume", total, f"{mesh.unit}³", pores.volume_doubt)
+    yield row
+    if bulk is not None and not is_solid.any():
+        part, doubt = row.value / bulk, row.uncertainty / bulk
+        yield replace(row, name="porosity", value=part, unit="1", uncertainty=doubt)
+
+
+def _pore_doubt(census: VolumeCensus, model: Model | None, grid: Tiled | Census | None) -> float:
+    """Return how far the pores' volume may be off that of the body's pores."""
+    total = float(census.volumes.sum())
+    made = census.method == "tetrahedra" and (model is not None or grid is not None)
+    doubt = TETRAHEDRA * total if made else 0.0
+    if grid is None:
+        return doubt
+    amounts, voxel = Amounts(Census.of(grid)), grid.frame.voxel_volume
+    void = (amounts.bulk - amounts.everywhere) * voxel
+    return doubt + abs(total - void) + amounts.everywhere_doubt * voxel
+
+
 def _cell_rows(census: VolumeCensus, model: Model | None) -> Iterator[Measure]:
     """Yield the rows of a model's own cells.
 
     Where cells share nodes that they touch in, the mesh is the closed union, and told as such.
     """
-    rows = {name: row(census) for name, row in VOLUME.items()}
+    rows = volume_rows(census)
     yield from rows.values()
     yield _pinched(census)
     if model is None:

@@ -251,7 +251,11 @@ class VolumeCensus:
         return Counts(every.nodes - _nodes(ring), every.edges - _edges(ring), len(self.pairs[0]))
 
 
-_METHODS = {"tet4": "tetrahedra", "tet10": "tetrahedra", "hex8": "hexahedra", "wed6": "wedges"}
+_METHODS = {
+    **dict.fromkeys(("tet4", "tet10"), "tetrahedra"),
+    **dict.fromkeys(("hex8", "hex20"), "hexahedra"),
+    "wed6": "wedges",
+}
 
 
 def _mesh_volume(census: VolumeCensus) -> Measure:
@@ -290,7 +294,8 @@ def pinched_nodes(census: VolumeCensus) -> Measure:
     # The cells about a node are a disc with k holes, seen from it: their sides less the faces
     # between them plus the edges among these are 2 − k, and 2 at a node inside.
     inner, every = census.inner, census.every
-    slots = sum(block.cells.size for block in census.mesh.blocks)
+    corners = [(SHAPES[block.shape], len(block.cells)) for block in census.mesh.blocks]
+    slots = sum(count * (1 + max(map(max, shape.faces))) for shape, count in corners)
     ends = int((census.faces.nodes[census.pairs[0]] >= 0).sum())
     discs = slots - ends + 2 * inner.edges - 2 * inner.nodes
     return census.row("pinched_nodes", every.nodes - inner.nodes - discs, "1")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import time
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from porous.errors import GridError, GuestError, MemoryLimitError, MeshError, ModelError
@@ -205,24 +206,54 @@ class Work:
     def fill_volume(self) -> None:
         method = self.recipe.volume.method
         auto = method == "auto"
+        if auto and (why := self._needs_voxels):
+            self.notes.append(f"one hexahedron per voxel: {why}")
+            method, auto = "voxel-hex", False
         if auto or method == "cells":
             self.volume = self._cells(required=not auto)
         if self.volume is None and (auto or method == "tetwild"):
             self.volume = self._tetrahedra(required=not auto)
         if self.volume is None and (auto or method == "voxel-hex"):
             self.volume = self._hexahedra()
+        if self.volume is not None:
+            self.volume = self._timed("volume", partial(self._refined, self.volume))
+
+    @property
+    def _needs_voxels(self) -> str:
+        """Why nobody but voxels serves who leaves the choice, or nothing."""
+        if self.recipe.phase != "solid":
+            return 'they mesh pores as they do solids; tetrahedra do with volume.method = "tetwild"'
+        if any(self.recipe.voxels.periodic):
+            return "opposite sides of a periodic body then have the same nodes"
+        return ""
+
+    def _refined(self, mesh: VolumeMesh, _: Progress | None) -> VolumeMesh:
+        """Return the mesh with the sets and the nodes that the recipe wants besides."""
+        from porous.stages import branches, quadratic
+
+        how = self.recipe.volume
+        if how.branches:
+            mesh = branches(mesh, self.model, length=how.branches)
+        return quadratic(mesh) if how.order == 2 else mesh
 
     def _cells(self, *, required: bool) -> VolumeMesh | None:
         """Return the model's own cells, or None where nobody insists and there are none."""
         from porous.models.model import HasCells
-        from porous.stages import mesh_cells
+        from porous.stages import mesh_cells, periodic_pairs
 
         if not required and not (self._is_whole and isinstance(self.model, HasCells)):
             return None
+        if self.recipe.phase != "solid":
+            raise ModelError(
+                f'volume.method: got "cells", which are solid; phase = "{self.recipe.phase}" '
+                'wanted "voxel-hex" or "tetwild"'
+            )
         if not isinstance(self.model, HasCells):
             raise ModelError(_no_cells(self.recipe, self.model))
+        periodic = self.recipe.voxels.periodic
         try:
             mesh = self._timed("volume", lambda _: mesh_cells(self.model))
+            mesh = periodic_pairs(mesh, axes=periodic) if any(periodic) else mesh
         except (MeshError, MemoryLimitError) as error:
             if required:
                 raise
@@ -233,7 +264,7 @@ class Work:
 
     def _tetrahedra(self, *, required: bool) -> VolumeMesh | None:
         """Return the mesh, or None where nobody insists on it and it is too much or fails."""
-        from porous.stages import Finer, name_parts, tetrahedralize
+        from porous.stages import Finer, name_parts
 
         if self.surface is None:
             self.extract_surface()
@@ -252,8 +283,7 @@ class Work:
         try:
             mesh = self._timed(
                 "volume",
-                lambda progress: tetrahedralize(
-                    surface,
+                lambda progress: self._mesher(surface)(
                     edge_length=how.edge_length,
                     sizing=[Finer(part.box(), part.edge_length) for part in how.finer],
                     time_limit=how.time_limit,
@@ -268,11 +298,30 @@ class Work:
         self.filled = "surface"
         return name_parts(mesh, self.model.domain)
 
+    def _mesher(self, surface: SurfaceMesh) -> Callable[..., VolumeMesh]:
+        """Return what fills a surface, or the box about it, with tetrahedra of the phase."""
+        from porous.models.model import HasBulk
+        from porous.stages import phase_alone, tetrahedralize, tetrahedralize_phases
+
+        phase = self.recipe.phase
+        if phase == "solid":
+            return partial(tetrahedralize, surface)
+        if isinstance(self.model, HasBulk):
+            raise ModelError(
+                f'volume.method: got "tetwild", which meshes the pores of a box; the bulk of this '
+                f'model is another body. For phase = "{phase}" wanted "voxel-hex"'
+            )
+        inside = self.model.bulk.contains(surface.box, tolerance=1e-9 * max(surface.box.lengths))
+        box = self.model.bulk if inside else self.model.domain
+        if phase == "both":
+            return partial(tetrahedralize_phases, surface, box)
+        return lambda **how: phase_alone(tetrahedralize_phases(surface, box, **how), phase)
+
     def _hexahedra(self) -> VolumeMesh | None:
         from porous.stages import hexahedralize, name_parts
 
         grid = self._solid_grid()
-        mesh = self._timed("volume", lambda _: hexahedralize(grid))
+        mesh = self._timed("volume", lambda _: hexahedralize(grid, phase=self.recipe.phase))
         self.filled = "grid"
         return name_parts(mesh, self.model.domain)
 

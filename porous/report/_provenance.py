@@ -27,6 +27,7 @@ SHAPES = {
     "tet4": "tetrahedra",
     "tet10": "quadratic tetrahedra",
     "hex8": "hexahedra",
+    "hex20": "quadratic hexahedra",
     "wed6": "wedges",
 }
 

@@ -10,6 +10,7 @@ import numpy as np
 from porous.errors import GridError
 from porous.memory import check_memory
 from porous.values import Block, Part, VolumeMesh, VoxelGrid
+from porous.values.volume_mesh import PHASE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     Bytes = NDArray[np.uint8]
 
 PHASES = ("solid", "pore", "both")
-PHASE = "phase"
-"""The tag of cells that says which phase they are of: 1 solid, 0 pore."""
-
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 """A voxel's corners in VTK's order of a hexahedron's nodes."""
 

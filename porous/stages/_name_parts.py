@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import MeshError
-from porous.stages._hexahedralize import PHASE
 from porous.values import Part, VolumeMesh
 from porous.values.box import SIDES
+from porous.values.volume_mesh import PHASE
 from porous.values.volume_topology import faces, matched
 
 if TYPE_CHECKING:

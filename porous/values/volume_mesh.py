@@ -76,6 +76,9 @@ CalculiX and Abaqus number S1, S2, …"""
 ADDRESS = "address"
 """The tag that a model's own cells bear: the place of each among all cells of its level."""
 
+PHASE = "phase"
+"""The tag of cells that says which phase they are of: 1 solid, 0 pore."""
+
 PART_KINDS = ("nodes", "faces", "cells", "pairs")
 ROWS = MappingProxyType({"faces": "(n, 2), cell and local face", "pairs": "(n, 2), nodes"})
 """Parts whose members are rows of two numbers."""
