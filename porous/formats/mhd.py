@@ -55,7 +55,7 @@ NAMES = {
 """Fields that have two names, in small letters."""
 TRUTHS = {"true": True, "t": True, "1": True, "false": False, "f": False, "0": False}
 LOCAL = "LOCAL"
-LINE = re.compile(rb"[ \t]*([A-Za-z0-9_\[\]]+)[ \t]*[=:][ \t]*([^\n]*)\n")
+LINE = re.compile(rb"\s*([A-Za-z0-9_\[\]]+)[ \t]*[=:][ \t]*([^\n]*)\n")
 AXES = 3
 
 

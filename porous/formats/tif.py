@@ -80,7 +80,7 @@ def _stack(source: Source, pages: list[Page], words: dict[str, str]) -> NDArray[
     """Return the layers of all pages, shape (z, y, x)."""
     data, first = memoryview(source.data), pages[0]
     rows, columns = first.shape
-    layers = _layers(words, len(pages))
+    layers = _layers(source, words, len(pages))
     if layers > len(pages) == 1:
         return _after_one_page(data, first, layers)
     width = np.dtype(first.form).itemsize
@@ -109,12 +109,14 @@ def _after_one_page(data: memoryview, page: Page, layers: int) -> NDArray[Any]:
     return ~values if page.negative else values
 
 
-def _layers(words: dict[str, str], pages: int) -> int:
-    """Return how many images there are, by ImageJ or tifffile; refuse channels and times."""
+def _layers(source: Source, words: dict[str, str], pages: int) -> int:
+    """Return how many images there are, by ImageJ or tifffile; refuse several channels of each."""
     channels, frames, slices = (_whole(words, name) for name in ("channels", "frames", "slices"))
-    if channels > 1 or (frames > 1 and slices > 1):
-        got = f"{channels} channels, {frames} frames, {slices} slices"
-        refuse("the stack", got, "one channel and one time: split it")
+    said = f"{channels} channels, {frames} frames, {slices} slices"
+    if sorted((channels, frames, slices))[1] > 1:
+        refuse("the stack", said, "layers of one channel at one time: split it")
+    if max(channels, frames) > 1:  # as programs do that do not ask what an axis is
+        source.note(f"it says {said}; taken as layers along z")
     return max(_whole(words, "images"), 1) if pages == 1 else pages
 
 
