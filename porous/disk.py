@@ -265,7 +265,8 @@ def staging(path: str | Path) -> Iterator[Path]:
 def commit(stage: Path, folder: str | Path, *, last: str, stale: Iterable[str] = ()) -> None:
     """Move the files of ``stage`` into ``folder``, and ``last`` after all the others.
 
-    The old ``last`` goes first, then the ``stale`` files: a folder that has it is whole.
+    The old ``last`` goes first, then the ``stale`` files: a folder that has it is whole. Where a
+    folder of that name is there already, its files are replaced and others in it stay.
     """
     target = Path(folder)
     for name in (last, *stale):
@@ -274,10 +275,19 @@ def commit(stage: Path, folder: str | Path, *, last: str, stale: Iterable[str] =
         _sync_folder(target)
         for file in sorted(stage.iterdir()):
             if file.name != last:
-                file.replace(target / file.name)
+                _merge(file, target / file.name)
         _sync_folder(target)
         (stage / last).replace(target / last)
         _sync_folder(target)
+
+
+def _merge(source: Path, target: Path) -> None:
+    if not (source.is_dir() and target.is_dir()):
+        source.replace(target)
+        return
+    for file in sorted(source.iterdir()):
+        _merge(file, target / file.name)
+    _sync_folder(target)
 
 
 @contextlib.contextmanager

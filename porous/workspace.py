@@ -33,14 +33,18 @@ KINDS = {"tet4": "tets", "tet10": "tets", "hex8": "hexes", "hex20": "hexes"}
 """What the files of a volume mesh are called, by the shape of its cells; ``cells`` where they are
 the model's own."""
 
+DECK = ("inp",)
+"""The suffix of the mesh's deck where no analysis wants another."""
+
 KNOWN = (
     "grid.vti",
     "surface.stl",
-    *(f"{kind}.{suffix}" for kind in ("tets", "hexes", "cells") for suffix in ("vtu", "inp")),
+    *(f"{kind}.{suffix}" for kind in ("tets", "hexes", "cells") for suffix in ("vtu", *DECK)),
     "report.html",
     LOG,
 )
-"""What else a folder may hold; what a new run does not write would belong to another recipe."""
+"""What else a folder may hold, besides decks that are asked for; what a new run does not write
+would belong to another recipe."""
 
 UNFINISHED = "unfinished.json"
 """A folder that has this file is to be gone on with; it says what was asked for."""
@@ -76,6 +80,7 @@ def make(
     """
     _check_store(Path(folder), _identity(recipe))
     _check_own(Path(folder), recipe)
+    _stale(Path(folder), dump(with_files(recipe, _names(recipe))))
     with disk.staging(folder) as stage:
         result = pipeline.run(recipe, only=only, progress=progress)
         local, text = _localised(recipe, stage)
@@ -171,7 +176,7 @@ def is_whole(folder: str | Path) -> bool:
     made = _logged(place).get("files")
     if _is_there(place / UNFINISHED) or not isinstance(made, dict) or LAST not in made:
         return False
-    known = {"recipe.toml", *KNOWN, LAST, pipeline.STORE, *map(str, _names(recipe).values())}
+    known = {"recipe.toml", *_known(), LAST, pipeline.STORE, *map(str, _names(recipe).values())}
     if not made.keys() <= known:  # a log of somebody else's: no other file is looked at
         return False
     if any(_sum(place / name) != told for name, told in made.items()):
@@ -307,7 +312,7 @@ def _check_own(place: Path, recipe: Recipe) -> None:
     """Refuse a folder with files of these names that porous has not made there."""
     if any(_is_there(place / name) for name in (LAST, LOG, UNFINISHED, pipeline.STORE)):
         return
-    found = [name for name in KNOWN if _is_there(place / name)]
+    found = [name for name in _known() if _is_there(place / name)]
     # Who was killed in the beginning leaves the recipe alone, in his own words.
     own = dump(with_files(recipe, _names(recipe))).encode()
     if _held(place / "recipe.toml") not in (None, own):
@@ -354,7 +359,7 @@ def write_measures(result: Result, folder: str | Path) -> None:
     with disk.staging(folder) as stage:
         _report(result, stage / "report.html", None)
         disk.write_bytes(stage / LAST, _json(record(result)))
-        disk.commit(stage, folder, last=LAST, stale=KNOWN)
+        disk.commit(stage, folder, last=LAST, stale=_stale_of(Path(folder)))
 
 
 def record(result: Result) -> dict[str, Any]:
@@ -448,7 +453,26 @@ def _artefacts(result: Result) -> Iterator[tuple[str, Any]]:
         shape = result.volume.blocks[0].shape
         kind = "cells" if result.volume.is_of_cells else KINDS[shape]
         yield f"{kind}.vtu", result.volume
-        yield f"{kind}.inp", result.job or result.volume
+        for suffix in _decks(result):
+            yield f"{kind}.{suffix}", result.job or result.volume
+
+
+def _decks(result: Result) -> tuple[str, ...]:
+    """Return the suffixes of the decks that are written."""
+    simulation = result.recipe.simulation if result.recipe else None
+    return simulation.suffixes if result.job and simulation else DECK
+
+
+def _commands(result: Result) -> list[str]:
+    """Return the command lines that run what was written, each from within the folder."""
+    from porous.formats import formats
+
+    if result.job is None or not result.job.steps:
+        return []
+    runs = {form.suffix: form.command for form in formats()}
+    names = [Path(name) for name, value in _artefacts(result) if value is result.job]
+    commands = [runs[name.suffix].format(name=name, stem=name.stem) for name in names]
+    return [command for command in commands if command]
 
 
 def _write(value: Any, path: Path) -> None:
@@ -474,6 +498,7 @@ def _log(result: Result) -> dict[str, Any]:
         "times": {stage: round(seconds, 3) for stage, seconds in result.times.items()},
         "versions": versions(),
         "notes": list(result.notes),
+        "commands": _commands(result),
     }
 
 
@@ -487,5 +512,32 @@ def _json(record: dict[str, Any]) -> bytes:
 
 
 def _stale(folder: Path, text: str) -> tuple[str, ...]:
-    """Return the files of an earlier run that do not belong to this recipe."""
-    return () if _held(folder / "recipe.toml") == text.encode() else KNOWN
+    """Return the files of an earlier run that do not belong to this recipe.
+
+    Raises
+    ------
+    RecipeError
+        For a folder among them: a solver may have put its results there.
+    """
+    same = _held(folder / "recipe.toml") == text.encode()
+    return () if same else _stale_of(folder)
+
+
+def _stale_of(folder: Path) -> tuple[str, ...]:
+    stale = _known()
+    for name in stale:
+        if (folder / name).is_dir():
+            raise RecipeError(
+                f"{folder}: holds a case {name} of another recipe, and maybe results; wanted "
+                "another folder, or that one elsewhere"
+            )
+    return stale
+
+
+def _known() -> tuple[str, ...]:
+    """Return what porous may have put into a folder, decks of every kind too."""
+    from porous.formats import formats
+
+    decks = [form.suffix for form in formats() if form.procedures]
+    kinds = ("tets", "hexes", "cells")
+    return (*KNOWN, *(f"{k}{d}" for k in kinds for d in decks if f"{k}{d}" not in KNOWN))

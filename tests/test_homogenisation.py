@@ -180,7 +180,7 @@ def test_a_sheared_cell_is_as_stiff_as_its_axes_say(judge):
 
 
 def bars():
-    """Return three bars that pass each other in a cell of 5 × 5 × 5, and a voxel that touches one in an edge."""
+    """Return three bars that pass each other, and a voxel that touches one of them in an edge."""
     solid = np.zeros((5, 5, 5), dtype=bool)
     solid[:, 0, 0] = solid[2, :, 2] = solid[4, 2, :] = True
     solid[2, 4, 4] = True

@@ -77,6 +77,9 @@ class Format:
         What steps of a job are written; all else of a job is a mesh with its parts.
     needs
         Modules that are not always there, by the name that ``import`` knows.
+    command
+        The command line that runs a job's steps in the folder that ``{name}`` lies in, where there
+        is one; ``{stem}`` is the name without its suffix.
     """
 
     name: str
@@ -90,6 +93,7 @@ class Format:
     shapes: tuple[str, ...] = ()
     procedures: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    command: str = ""
 
     @property
     def suffix(self) -> str:

@@ -308,4 +308,5 @@ FORMAT = Format(
     write=write,
     shapes=tuple(ELEMENTS),
     procedures=PROCEDURES,
+    command="ccx -i {stem}",
 )

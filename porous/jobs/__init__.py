@@ -6,19 +6,19 @@ table of a recipe, a ``SimulationSection`` with ``analysis: Literal["<analysis>"
     def prepare(mesh: VolumeMesh, section: ItsSection) -> Job: ...
 """
 
-from porous.jobs._analyses import DEFAULT, prepare, sections
+from porous.jobs._analyses import prepare, section_of, sections
 from porous.jobs._compression import compression
 from porous.jobs._material import material
 from porous.jobs._results import results
 from porous.jobs._section import SimulationSection, TwoPhaseSection
 
 __all__ = [
-    "DEFAULT",
     "SimulationSection",
     "TwoPhaseSection",
     "compression",
     "material",
     "prepare",
     "results",
+    "section_of",
     "sections",
 ]

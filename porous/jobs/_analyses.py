@@ -10,8 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, get_args
 
-from porous.errors import MeshError
+from porous.errors import MeshError, RecipeError
 from porous.jobs._section import SimulationSection
+from porous.toml import shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,6 +29,26 @@ def sections() -> Mapping[str, type[SimulationSection]]:
     names = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parent)]))
     found = {name[1:]: _section_in(name) for name in names}
     return MappingProxyType({name: section for name, section in found.items() if section})
+
+
+def section_of(table: object, name: str) -> type[SimulationSection]:
+    """Return the section class of a ``[simulation]`` table.
+
+    Raises
+    ------
+    RecipeError
+        For what is no table, or an analysis that is not there; ``name`` is the recipe's.
+    """
+    if not isinstance(table, dict):
+        got = shown(table)
+        raise RecipeError(f"{name}: simulation: got {got}; wanted a table [simulation]")
+    analysis = table.get("analysis", DEFAULT)
+    if not isinstance(analysis, str) or analysis not in sections():
+        wanted = ", ".join(f'"{one}"' for one in sections())
+        raise RecipeError(
+            f"{name}: simulation.analysis: got {shown(analysis)}; wanted one of {wanted}"
+        )
+    return sections()[analysis]
 
 
 def prepare(mesh: VolumeMesh, section: SimulationSection) -> Job:

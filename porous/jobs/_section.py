@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from porous import presets
-from porous.errors import FormatError, MeshError, nearest
+from porous.errors import MeshError, nearest
 from porous.jobs._material import material, read_material
 from porous.models.sections import Section
+from porous.toml import read_table
 from porous.values.volume_topology import extracted
 
 if TYPE_CHECKING:
@@ -73,25 +76,23 @@ class SimulationSection(Section):
         Field(default=(), description="a list of suffixes: decks to write besides the default")
     )
 
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """The suffixes of all decks, without dots, the default first.
-
-        Raises
-        ------
-        FormatError
-            For a deck that cannot hold what the analysis does.
-        """
+    @model_validator(mode="after")
+    def _decks_hold_it(self) -> Self:
         from porous.formats import formats
 
-        there = {form.suffix[1:]: form.procedures for form in formats()}
+        there = {form.suffix[1:]: form.procedures for form in formats()} if self.decks else {}
         homes = [name for name, held in there.items() if set(self.PROCEDURES) <= set(held)]
         for suffix in self.decks:
             if suffix not in homes:
-                raise FormatError(
-                    f"simulation.decks: a .{suffix} file cannot hold a step of "
-                    f"{', '.join(self.PROCEDURES)}; wanted some of {', '.join(homes)}"
+                raise ValueError(
+                    f"decks: a .{suffix} file cannot hold a step of "
+                    f"{' and '.join(self.PROCEDURES)}; wanted some of {', '.join(homes)}"
                 )
+        return self
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """The suffixes of all decks, without dots, the default first."""
         return tuple(dict.fromkeys((self.DECK, *self.decks)))
 
 
@@ -110,12 +111,19 @@ class TwoPhaseSection(SimulationSection):
 def substance(name: str | Path) -> Material:
     """Return the material that a section names, in mm-t-s-K.
 
+    One of the user's own is called by its title: the file has another name in the folder that
+    ``porous make`` fills.
+
     Raises
     ------
     RecipeError
         Where the file is missing or not understood.
     """
-    return read_material(name) if isinstance(name, Path) else material(name)
+    if isinstance(name, str):
+        return material(name)
+    title = str(read_table(name).get("title", ""))
+    slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+    return replace(read_material(name), name=slug or "material")
 
 
 def phases(
