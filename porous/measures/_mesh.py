@@ -389,6 +389,11 @@ VOLUME: dict[str, Callable[[VolumeCensus], Measure]] = {
 }
 
 
+def volume_rows(census: VolumeCensus) -> dict[str, Measure]:
+    """Return every row of a volume mesh by its name."""
+    return {name: row(census) for name, row in VOLUME.items()}
+
+
 def smallest_dihedral_angle(mesh: VolumeMesh) -> Measure:
     """Return the smallest angle between two faces of a cell, in degrees."""
     return _least_angle(VolumeCensus(mesh))
