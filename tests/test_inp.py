@@ -1,9 +1,11 @@
 """Decks: what CalculiX's reader needs, the same mesh for others, and the physics in the solver."""
 
 import re
+from dataclasses import replace
 
 import meshio
 import naive_boundary as naive
+import naive_conduction
 import naive_elasticity
 import numpy as np
 import pytest
@@ -13,11 +15,18 @@ from porous import load, make
 from porous.errors import FormatError, GuestError
 from porous.formats import inp, write
 from porous.guests import ccx
-from porous.jobs import compression, material
+from porous.jobs import compression, material, prepare, results, sections
 from porous.models.boundary import exact_boundary
 from porous.models.ifs import ifs
 from porous.models.primitive import named
-from porous.stages import exact_surface, hexahedralize, name_parts, tetrahedralize, voxelize
+from porous.stages import (
+    exact_surface,
+    hexahedralize,
+    name_parts,
+    quadratic,
+    tetrahedralize,
+    voxelize,
+)
 from porous.values import Block, Box, Frame, Job, Material, Part, VolumeMesh, VoxelGrid
 
 UNIT_BOX = Box((0, 0, 0), (1, 1, 1))
@@ -215,6 +224,110 @@ def test_a_bar_is_as_stiff_as_hooke_says(judge):
     job = Job(bar.title, bar.mesh, {"SOLID": soft}, bar.steps)
     solved = ccx.solve(inp.write(job), program=judge("ccx"))
     assert solved.energy == pytest.approx(0.5 * 3.0**2 / 1000 * 2 * 3 * 16, rel=1e-6)
+
+
+@pytest.mark.judge
+@pytest.mark.parametrize("axis", "xyz")
+def test_quadratic_elements_in_calculix(judge, axis):
+    for mesh in curved():
+        job = compression(mesh, material=material("steel"), pressure=2.0, axis=axis)
+        solved = ccx.solve(inp.write(job), program=judge("ccx"))
+        assert solved.energy == pytest.approx(naive_elasticity.curved_energy(job), rel=1e-5)
+        assert solved.volume == pytest.approx(mesh.volumes.sum(), rel=1e-6)
+
+
+def curved():
+    solid = naive.prefractal(3, systems.MENGER, 1)
+    yield quadratic(voxel_job(solid, (1 / 3, 1 / 4, 1 / 5)).mesh)
+    yield quadratic(split(voxel_job(solid, (1 / 3, 1 / 4, 1 / 5)).mesh))
+
+
+def split(mesh):
+    """Return a mesh of boxes as tetrahedra: six of each about a diagonal, in the same way."""
+    ways = [[0, *way, 6] for way in ([1, 2], [2, 3], [3, 7], [7, 4], [4, 5], [5, 1])]
+    cells = np.concatenate([mesh.blocks[0].cells[:, way] for way in ways])
+    tets = VolumeMesh(mesh.points, (Block("tet4", cells),), unit=mesh.unit)
+    assert (tets.volumes > 0).all()
+    return name_parts(tets, Box.of_points(mesh.points))
+
+
+@pytest.mark.judge
+@pytest.mark.parametrize("units", ["mm-N-MPa", "m-SI"])
+def test_heat_in_calculix_is_that_of_scikit_fem(judge, units):
+    solid = naive.prefractal(3, systems.MENGER, 1)
+    boxes = voxel_job(solid, (1 / 3, 1 / 4, 1 / 5)).mesh
+    section = sections()["conduction"](material="copper", axis="x", units=units)
+    for mesh in (boxes, split(boxes), *curved()):
+        job = prepare(mesh, section)
+        found = results(job, ccx.solve(inp.write(job), program=judge("ccx")).steps)
+        flow = naive_conduction.heat_flow(job, 0)
+        assert found["heat_flow"].value == pytest.approx(flow, rel=1e-6)
+
+
+@pytest.mark.judge
+def test_heat_flows_through_pores_that_are_filled(judge):
+    mesh = voxel_job(np.ones((3, 4, 5), dtype=bool), (1.0, 0.5, 0.25)).mesh
+    dense = np.random.default_rng(5).random(60) < 0.4
+    phases = {"SOLID": np.flatnonzero(dense), "PORE": np.flatnonzero(~dense)}
+    parts = {name: Part("cells", cells) for name, cells in phases.items()}
+    mesh = replace(mesh, parts={**mesh.parts, **parts})
+    job = prepare(mesh, sections()["conduction"](material="alumina", pore_material="water"))
+    deck = text(job)
+    assert "*ELEMENT, TYPE=DC3D8, ELSET=ALL_CELLS" in deck
+    assert "*MATERIAL, NAME=WATER\n*DENSITY" in deck
+    assert deck.count("*SOLID SECTION") == 2
+    found = results(job, ccx.solve(deck.encode(), program=judge("ccx")).steps)
+    assert found["heat_flow"].value == pytest.approx(naive_conduction.heat_flow(job, 2), rel=1e-6)
+
+
+@pytest.mark.judge
+@pytest.mark.parametrize("units", ["mm-N-MPa", "m-SI"])
+def test_a_slender_bar_swings_as_euler_and_bernoulli_say(judge, units):
+    long, wide, thick = 100.0, 4.0, 2.0
+    spacing = (wide / 2, thick, long / 25)
+    bar = quadratic(voxel_job(np.ones((2, 1, 25), dtype=bool), spacing).mesh)
+    plain = Material("plain", 70e3, 0.0, 2.7e-9)
+
+    def frequencies(**options):
+        job = prepare(bar, sections()["modal"](units=units, **options))
+        job = replace(job, materials={"SOLID": plain})
+        solved = ccx.solve(inp.write(job), program=judge("ccx"))
+        return [m.value for m in results(job, solved.steps, solved.frequencies).rows]
+
+    def closed(root, depth):
+        return root**2 / (2 * np.pi) * np.sqrt(70e3 * depth**2 / 12 / 2.7e-9 / long**4)
+
+    first = frequencies(clamped="ZMIN", modes=3)
+    exact = sorted(closed(root, depth) for root in (1.8751041, 4.6940911) for depth in (2.0, 4.0))
+    assert first == pytest.approx(exact[:3], rel=4e-3)  # shear and turning: 0.4 (h/L)² and more
+    free = frequencies(clamped="none", modes=8)
+    assert np.abs(free[:6]) == pytest.approx(0, abs=1e-2 * free[6])
+    assert free[6] == pytest.approx(closed(4.7300407, 2.0), rel=4e-3)
+
+
+@pytest.mark.judge
+def test_a_strain_moves_the_upper_side_and_lets_it_slide(judge):
+    soft = Material("soft", 1000.0, 0.3, 1e-9)
+    for unit, units, axis in (("mm", "mm-N-MPa", "y"), ("cm", "m-SI", "x")):
+        far = 1.0 if unit == "mm" else 10.0
+        mesh = voxel_job(np.ones((2, 3, 4), dtype=bool), (1.0, 0.5, 0.25), unit=unit).mesh
+        job = prepare(mesh, sections()["compression"](axis=axis, strain=0.01, units=units))
+        job = replace(job, materials={"SOLID": soft})
+        found = results(job, ccx.solve(inp.write(job), program=judge("ccx")).steps)
+        area = {"x": 1.5 * 1.0, "y": 2.0 * 1.0}[axis] * far**2
+        reaction = found[f"reaction_{axis}"].value
+        # The lower side cannot widen: somewhat stiffer than Hooke's bar.
+        assert 1.0 < reaction / (1000.0 * 0.01 * area) < 1.35
+        moved = 0.01 * {"x": 2.0, "y": 1.5}[axis] * far
+        assert found["strain_energy"].value == pytest.approx(0.5 * reaction * moved, rel=1e-5)
+
+
+def test_elements_of_twenty_nodes_take_two_lines():
+    deck = text(next(curved()))
+    body = deck[deck.index("*ELEMENT") :].splitlines()[1:41]
+    assert "TYPE=C3D20," in deck
+    assert all(line.count(",") == 16 for line in body[::2])  # sixteen numbers, and more to come
+    assert all(line.count(",") == 4 for line in body[1::2])
 
 
 def sierpinski(**options):
