@@ -293,7 +293,10 @@ def test_stl_keeps_seven_digits_of_a_surface_wherever_it_lies(folder, surface, s
 
 @pytest.mark.parametrize("row", formats.formats(), ids=lambda row: row.suffix)
 def test_the_same_value_gives_the_same_bytes(row):
-    samples = {VoxelGrid: noise((40, 50, 60)), SurfaceMesh: ball(), VolumeMesh: two_cells()}
+    mesh = two_cells()
+    if row.shapes and "tet10" not in row.shapes:
+        mesh = VolumeMesh(mesh.points, mesh.blocks[:2])
+    samples = {VoxelGrid: noise((40, 50, 60)), SurfaceMesh: ball(), VolumeMesh: mesh}
     values = [samples[kind] for kind in row.writes if kind in samples]
     assert values or not row.writes
     for value in values:
