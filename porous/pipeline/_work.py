@@ -8,10 +8,12 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from porous.errors import GridError, GuestError, MemoryLimitError, MeshError, ModelError
 from porous.pipeline._result import Result
 from porous.recipe import build
-from porous.values import Box, Measures, VoxelGrid
+from porous.values import Box, Measures, Part, VoxelGrid
 from porous.values.box import SIDES
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ def _with_sides(mesh: VolumeMesh) -> VolumeMesh:
     from porous.stages import name_parts
 
     if any(side in mesh.parts for side in SIDES):
-        return mesh
+        return replace(mesh, parts={"SOLID": Part("cells", np.arange(mesh.cells)), **mesh.parts})
     box = Box(tuple(mesh.points.min(axis=0)), tuple(mesh.points.max(axis=0)))
     return replace(mesh, parts={**name_parts(mesh, box).parts, **mesh.parts})
 
@@ -250,16 +252,19 @@ class Work:
             )
         if not isinstance(self.model, HasCells):
             raise ModelError(_no_cells(self.recipe, self.model))
-        periodic = self.recipe.voxels.periodic
         try:
             mesh = self._timed("volume", lambda _: mesh_cells(self.model))
-            mesh = periodic_pairs(mesh, axes=periodic) if any(periodic) else mesh
         except (MeshError, MemoryLimitError) as error:
             if required:
                 raise
             self.notes.append(f"volume not of the model's cells: {error}")
             return None
         self.filled = "cells"
+        periodic = self.recipe.voxels.periodic
+        try:
+            mesh = periodic_pairs(mesh, axes=periodic) if any(periodic) else mesh
+        except MeshError as error:
+            self.notes.append(f"the cells have no pairs of nodes: {error}")
         return _with_sides(mesh)
 
     def _tetrahedra(self, *, required: bool) -> VolumeMesh | None:
