@@ -63,7 +63,8 @@ def _with_sides(mesh: VolumeMesh) -> VolumeMesh:
     from porous.stages import name_parts
 
     if any(side in mesh.parts for side in SIDES):
-        return replace(mesh, parts={"SOLID": Part("cells", np.arange(mesh.cells)), **mesh.parts})
+        solid = Part("cells", np.arange(mesh.cells))
+        return replace(mesh, parts={"SOLID": solid, **mesh.parts})
     box = Box(tuple(mesh.points.min(axis=0)), tuple(mesh.points.max(axis=0)))
     return replace(mesh, parts={**name_parts(mesh, box).parts, **mesh.parts})
 
