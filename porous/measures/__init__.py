@@ -8,7 +8,13 @@ from porous.measures._census import Census
 from porous.measures._fold import Journal, fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
 from porous.measures._measure import COUNTED, measure
-from porous.measures._mesh import smallest_dihedral_angle, smallest_scaled_jacobian
+from porous.measures._mesh import (
+    largest_aspect_ratio,
+    largest_dihedral_angle,
+    largest_edge_ratio,
+    smallest_dihedral_angle,
+    smallest_scaled_jacobian,
+)
 from porous.measures._model import (
     affinity_dimension,
     finest_printable_level,
@@ -68,6 +74,9 @@ __all__ = [
     "hausdorff_distance",
     "height_map",
     "interface_area",
+    "largest_aspect_ratio",
+    "largest_dihedral_angle",
+    "largest_edge_ratio",
     "measure",
     "open_porosity",
     "porosity",
