@@ -24,7 +24,11 @@ from porous.formats import _registry, ply, stl
 from porous.values import Block, Frame, Part, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.units import METRES
 
-EXACT = {VoxelGrid: (".vti", ".npz", ".nrrd", ".nhdr", ".mhd", ".mha", ".tif"), VolumeMesh: (".vtu",), SurfaceMesh: (".ply", ".obj")}
+EXACT = {
+    VoxelGrid: (".vti", ".npz", ".nrrd", ".nhdr", ".mhd", ".mha", ".tif"),
+    VolumeMesh: (".vtu",),
+    SurfaceMesh: (".ply", ".obj"),
+}
 """What reads back equal."""
 
 # --- values of all kinds -----------------------------------------------------------------------
@@ -87,11 +91,13 @@ def volumes(draw):
 
 @st.composite
 def members(draw, points, cells):
-    kind = draw(st.sampled_from(["nodes", "faces", "cells"]))
-    limit = points if kind == "nodes" else cells
+    kind = draw(st.sampled_from(["nodes", "faces", "cells", "pairs"]))
+    limit = points if kind in ("nodes", "pairs") else cells
     chosen = draw(st.lists(st.integers(0, limit - 1), max_size=5)) if limit else []
     if kind == "faces":  # every shape has four faces or more
         return Part(kind, np.array([(m, draw(st.integers(0, 3))) for m in chosen]).reshape(-1, 2))
+    if kind == "pairs":
+        return Part(kind, np.array([(m, points - 1 - m) for m in chosen]).reshape(-1, 2))
     return Part(kind, np.array(chosen, dtype=np.int64))
 
 

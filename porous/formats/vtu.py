@@ -1,10 +1,11 @@
 """VTU: volume elements of several shapes with tags and parts, as VTK and ParaView take them.
 
 Tags are Int64 cell arrays. Parts are field data: ``nodes:XMIN`` holds the numbers of points,
-``cells:SOLID`` those of cells, ``faces:XMIN_FACES`` pairs of cell and local face. The blocks (their
-shapes and how many cells each has) are field data too, so what is written reads back equal. In
-files of others the cells are sorted by shape, and whole-numbered cell arrays become tags; points,
-lines and faces are passed over, and hexahedra of 20, 24 and 27 nodes are read by their corners.
+``cells:SOLID`` those of cells, ``faces:XMIN_FACES`` cells with local faces, ``pairs:XPAIRS`` two
+points each. The blocks (their shapes and how many cells each has) are field data too, so what is
+written reads back equal. In files of others the cells are sorted by shape, and whole-numbered cell
+arrays become tags; points, lines and faces are passed over, and hexahedra of 20, 24 and 27 nodes
+are read by their corners.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from porous.formats._registry import Format
 from porous.formats._vtk import Document, Writer, child, named, unit_of
 from porous.formats.gate import integer, refuse
 from porous.values import SHAPES, Block, Part, VolumeMesh
-from porous.values.volume_mesh import PART_KINDS
+from porous.values.volume_mesh import PART_KINDS, ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -205,7 +206,7 @@ def _parts(document: Document, fields: dict[str, Element]) -> dict[str, Part]:
         kind, colon, name = field.partition(":")
         if colon and kind in PART_KINDS and element.get("type") == "Int64":
             count = integer(element.get("NumberOfTuples"), f"NumberOfTuples of {field}")
-            width = 2 if kind == "faces" else 1
+            width = 2 if kind in ROWS else 1
             members = document.array(element, count * width, field)
             parts[name] = Part(kind, members.reshape(-1, 2) if width == 2 else members)
     return parts

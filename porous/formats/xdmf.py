@@ -6,9 +6,9 @@ attribute, ``leading``, numbers the part that comes first of those that a cell o
 (``SOLID`` and ``PORE`` before all others, ``SKIN`` after them; 0 for none), for that is what
 ``read_meshtags`` of FEniCSx takes; pieces of information say the numbers' names. Then come tags,
 and a 1 or 0 for each part, nodes' parts at the nodes. Several shapes become one mixed grid, which
-FEniCSx does not read. Parts of pairs are tables of the HDF5 file, and pieces of information say
-which. Names keep ASCII; the unit is a piece of information. Nodes are in VTK's order, but wedges as
-Abaqus has them: so VTK and FEniCSx find their volume positive.
+FEniCSx does not read, nor does its version 0.5 read wedges. Parts of pairs are tables of the HDF5
+file, and pieces of information say which. Names keep ASCII; the unit is a piece of information.
+Nodes are in VTK's order, but wedges as Abaqus has them: so VTK finds their volume positive.
 https://www.xdmf.org/index.php/XDMF_Model_and_Format
 """
 
