@@ -1,16 +1,23 @@
-"""Jobs: which body bears the load, what is left out, why there is no step."""
+"""Jobs: what recipes say of them, which body bears the load, why there is no step, and decks."""
 
 import itertools
+import json
+from dataclasses import replace
+from typing import get_args
 
 import naive_boundary as naive
 import numpy as np
 import pytest
 import systems
 
-from porous.errors import MeshError
-from porous.jobs import compression
+from porous import load, make
+from porous.errors import MeshError, RecipeError
+from porous.formats import formats
+from porous.jobs import SimulationSection, compression, prepare, sections
+from porous.recipe import dump, schema
 from porous.stages import hexahedralize, name_parts
-from porous.values import Block, Box, Frame, Material, Pressed, VolumeMesh, VoxelGrid
+from porous.values import Block, Box, Frame, Material, Part, Pressed, VolumeMesh, VoxelGrid
+from porous.values.job import PROCEDURES
 
 STEEL = Material("steel", 210e3, 0.3, 7.85e-9)
 
@@ -99,3 +106,186 @@ def test_a_mesh_without_names_has_no_step():
     assert "ZMIN" in compression(mesh, material=STEEL, pressure=1.0).why_no_step
     named = name_parts(mesh, Box((0, 0, 0), (1, 1, 1)))
     assert "no face lies on ZMAX" in compression(named, material=STEEL, pressure=1.0).why_no_step
+
+
+# ------------------------------------------------------------------ analyses and their sections
+
+
+def test_an_analysis_is_a_file_with_a_section_and_a_function():
+    assert {"compression", "conduction", "homogenisation", "modal"} <= set(sections())
+    for name, section in sections().items():
+        assert issubclass(section, SimulationSection)
+        assert get_args(section.model_fields["analysis"].annotation) == (name,)
+        assert set(section.PROCEDURES) <= set(PROCEDURES)
+        assert section.PHASE in ("solid", "pore", "both")
+        assert all(field.description for field in section.model_fields.values()), name
+        home = {form.suffix[1:]: form.procedures for form in formats()}[section.DECK]
+        assert set(section.PROCEDURES) <= set(home)
+
+
+def test_the_schema_knows_every_analysis():
+    found = schema()
+    refs = [ref["$ref"].rpartition("/")[2] for ref in found["properties"]["simulation"]["oneOf"]]
+    assert refs == [f"simulation_{name}" for name in sections()]
+    assert "temperatures" in found["$defs"]["simulation_conduction"]["properties"]
+
+
+def test_another_analysis_forgets_what_it_does_not_know():
+    assert load("menger").simulation.analysis == "compression"
+    other = load("menger", set={"simulation.analysis": "conduction", "simulation.axis": "x"})
+    assert (other.simulation.analysis, other.simulation.axis) == ("conduction", "x")
+    with pytest.raises(RecipeError, match=r"simulation\.pressure: unknown key"):
+        load("menger", set={"simulation.analysis": "modal", "simulation.pressure": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"analysis": "fire"}, 'analysis: got "fire"; wanted one of "compression", "conduction"'),
+        ({"analysis": 3}, "analysis: got 3; wanted one of"),
+        ({"units": "mm-N"}, 'units: got "mm-N"; wanted "mm-N-MPa" or "m-SI"'),
+        ({"material": "stele"}, "material: no material 'stele'; did you mean 'steel'"),
+        ({"material": "gone.toml"}, 'material: got "gone.toml"; wanted a file, relative'),
+        ({"axis": "w"}, 'axis: got "w"; wanted "x", "y" or "z"'),
+        ({"pressure": 1.0, "strain": 0.1}, "got pressure and strain; wanted one of them"),
+        ({"strain": 0.0}, "strain: wanted a number but zero"),
+        ({"decks": ["doc"]}, "no deck 'doc'"),
+        ({"decks": ["foam"]}, "a .foam file cannot hold a step of static; wanted some of .*inp"),
+        ({"analysis": "conduction", "temperatures": [1.0, 1.0]}, "wanted two that differ"),
+        ({"analysis": "conduction", "pore_material": "wtaer"}, "did you mean 'water'"),
+        ({"analysis": "modal", "modes": 0}, "modes: got 0; wanted how many"),
+        ({"analysis": "modal", "clamped": "TOP"}, 'clamped: got "TOP"; wanted the side'),
+        ({"analysis": "homogenisation", "property": "colour"}, 'property: got "colour"'),
+        ({"analysis": "homogenisation", "decks": ["cdb"]}, "decks.*inp"),
+        ({"presure": 1.0}, "presure: unknown key; did you mean 'pressure'"),
+    ],
+)
+def test_sections_that_cannot_be_understood(changes, words):
+    analysis = {"simulation.analysis": changes["analysis"]} if "analysis" in changes else {}
+    given = analysis | {f"simulation.{key}": value for key, value in changes.items()}
+    with pytest.raises(RecipeError, match=words) as caught:
+        load("menger", set=given)
+    assert caught.value.exit_code == 2
+    assert "simulation" in str(caught.value)
+
+
+def test_a_material_that_lacks_what_is_needed_is_told():
+    mesh = hexes(columns(((0, 0), 0, 3)))
+    with pytest.raises(MeshError, match="pla: has no conductivity; it has youngs_modulus"):
+        prepare(mesh, sections()["conduction"](material="pla"))
+    with pytest.raises(MeshError, match="water: has no youngs_modulus"):
+        prepare(mesh, sections()["modal"](material="water"))
+
+
+def test_parts_that_are_missing_or_select_nothing_are_told():
+    mesh = hexes(columns(((0, 0), 0, 3)))
+    with pytest.raises(MeshError, match="no part PORE, cells of the pore; it has SKIN, SOLID"):
+        prepare(mesh, sections()["conduction"](pore_material="water"))
+    with pytest.raises(MeshError, match="no pairs of nodes XPAIRS"):
+        prepare(mesh, sections()["homogenisation"]())
+    with pytest.raises(MeshError, match="the mesh has no cells"):
+        prepare(VolumeMesh(np.zeros((0, 3)), ()), sections()["modal"]())
+    job = prepare(mesh, sections()["modal"]())
+    nothing = {**job.mesh.parts, "ZMIN": Part("nodes", np.zeros(0, np.int64))}
+    with pytest.raises(MeshError, match="'ZMIN' selects nothing; wanted some nodes"):
+        replace(job, mesh=replace(job.mesh, parts=nothing))
+
+
+def test_of_both_phases_the_solid_alone_is_pressed():
+    mesh = hexes(np.ones((2, 2, 3), dtype=bool))
+    lower = mesh.blocks[0].cells.min(axis=1) < 12
+    parts = {"SOLID": np.flatnonzero(lower), "PORE": np.flatnonzero(~lower)}
+    both = replace(mesh, parts={**mesh.parts, **{k: Part("cells", v) for k, v in parts.items()}})
+    job = prepare(both, sections()["compression"]())
+    assert job.mesh.cells == lower.sum() < mesh.cells
+    empty = prepare(both, sections()["conduction"](axis="y"))
+    filled = prepare(both, sections()["conduction"](axis="y", pore_material="air"))
+    assert (empty.mesh.cells, filled.mesh.cells) == (lower.sum(), mesh.cells)
+    assert {part: made.name for part, made in filled.materials.items()} == {
+        "SOLID": "steel",
+        "PORE": "air",
+    }
+
+
+def test_heat_flows_in_bodies_side_by_side_and_in_no_other():
+    solid = columns(((0, 0), 0, 3), ((2, 2), 0, 3), ((4, 0), 0, 2), ((1, 1), 0, 1))
+    job = prepare(hexes(solid), sections()["conduction"](temperatures=(300.0, 350.0)))
+    assert job.mesh.cells == 6
+    assert "2 bodies of 3 cells left out" in job.note
+    assert [held.value for held in job.steps[0].held] == [300.0, 350.0]
+    job = prepare(hexes(columns(((0, 0), 0, 2), ((1, 0), 2, 3))), sections()["conduction"]())
+    assert "no face-connected body joins ZMIN and ZMAX" in job.why_no_step
+
+
+def test_the_largest_body_swings():
+    solid = columns(((0, 0), 0, 1), ((2, 2), 0, 2), ((4, 0), 0, 3), ((3, 1), 1, 3))
+    job = prepare(hexes(solid), sections()["modal"](clamped="ZMAX", modes=3))
+    assert (job.mesh.cells, job.steps[0].modes) == (3, 3)
+    assert "3 bodies of 5 cells left out" in job.note
+    free = prepare(
+        hexes(columns(((0, 0), 0, 1), ((2, 2), 1, 3))), sections()["modal"](clamped="none")
+    )
+    assert (free.mesh.cells, free.steps[0].held) == (2, ())
+    none = prepare(hexes(columns(((2, 2), 1, 3))), sections()["modal"](clamped="ZMIN"))
+    assert "no face lies on ZMIN" in none.why_no_step
+
+
+# ------------------------------------------------------------------ into a folder
+
+RUBBER = """
+title = "Rubber, natural"
+source = "none"
+youngs_modulus = "1 MPa"
+poissons_ratio = 0.49
+density = "1.1 g/cm3"
+conductivity = "0.13 W/(m K)"
+"""
+COARSE = {"volume.method": "voxel-hex", "voxels.voxels": 9, "model.level": 1}
+
+
+def made(recipe, folder):
+    make(recipe, folder, only="simulation")  # without pictures, which take long
+
+
+def test_a_material_of_ones_own_goes_with_the_recipe(tmp_path):
+    (tmp_path / "rubber.toml").write_text(RUBBER)
+    text = dump(load("menger", set=COARSE | {"simulation.units": "m-SI"}))
+    assert 'material = "steel"' in text
+    text = text.replace('material = "steel"', 'material = "./rubber.toml"')
+    (tmp_path / "mine.toml").write_text(text)
+    made(load(tmp_path / "mine.toml"), tmp_path / "out")
+    assert (tmp_path / "out" / "material.toml").read_text() == RUBBER
+    assert 'material = "material.toml"' in (tmp_path / "out" / "recipe.toml").read_text()
+    deck = (tmp_path / "out" / "hexes.inp").read_bytes()
+    assert b"*MATERIAL, NAME=RUBBER-NATURAL\n*ELASTIC\n1.000000000e+06, 4.9" in deck
+    made(load(tmp_path / "out" / "recipe.toml"), tmp_path / "again")
+    assert (tmp_path / "again" / "hexes.inp").read_bytes() == deck
+
+
+def test_decks_are_written_as_the_recipe_lists_them(tmp_path):
+    out = tmp_path / "out"
+    asked = COARSE | {"simulation.analysis": "conduction", "simulation.decks": ["cdb", "foam"]}
+    recipe = load("menger", set=asked)
+    made(recipe, out)
+    files = {path.name for path in out.iterdir()}
+    assert {"hexes.inp", "hexes.cdb", "hexes.foam", "hexes.vtu"} <= files
+    log = json.loads((out / "log.json").read_text())
+    assert "ccx -i hexes" in log["commands"]
+    # What a solver has put into the case stays where the recipe is the same …
+    (out / "hexes.foam" / "100").mkdir()
+    made(recipe, out)
+    assert (out / "hexes.foam" / "100").is_dir()
+    # … and is not thrown away for another.
+    before = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+    with pytest.raises(RecipeError, match=r"holds a case hexes\.foam of another"):
+        made(load("menger", set=COARSE), out)
+    assert before == {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+
+
+def test_decks_of_another_recipe_go(tmp_path):
+    out = tmp_path / "out"
+    made(load("menger", set=COARSE | {"simulation.decks": ["bdf"]}), out)
+    assert (out / "hexes.bdf").exists()
+    made(load("menger", set=COARSE), out)
+    assert not (out / "hexes.bdf").exists()
+    assert (out / "hexes.inp").exists()
