@@ -1,6 +1,7 @@
 """Topology of grids, surfaces and meshes; quality of elements; what models tell."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from porous import build, exact_surface, extract_surface, hexahedralize, ifs, load, measures
 from porous.errors import GridError, MeshError, ModelError
 from porous.measures import measure
+from porous.measures._mesh import VolumeCensus, pinched_nodes
+from porous.stages import quadratic
 from porous.values import SHAPES, Block, Frame, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.surface_topology import euler_number, pieces
 
@@ -62,6 +65,27 @@ def test_hexahedra_and_grid_agree(seed):
 def test_a_cell_mesh_has_the_euler_number_of_its_solid():
     grid = shell()
     assert measure(hexahedralize(grid))["euler_number"].value == 1
+
+
+@pytest.mark.parametrize("density", [0.3, 0.6])
+@pytest.mark.parametrize("tags", [{}, {"address": None}])
+def test_nodes_along_edges_change_nothing(density, tags):
+    hexes = hexahedralize(random_grid(5, density=density))
+    hexes = replace(hexes, cell_tags={name: np.arange(hexes.cells) for name in tags})
+    rows, others = measure(hexes), measure(quadratic(hexes))
+    assert [(row.name, row.method) for row in rows] == [(row.name, row.method) for row in others]
+    for row, other in zip(rows, others, strict=True):
+        assert other.value == pytest.approx(row.value, rel=1e-12)
+    assert ("pinched_nodes" in rows) == bool(tags)
+
+
+def test_pinched_nodes_of_quadratic_cells():
+    # Two voids meet in one node, and nowhere else.
+    solid = np.ones((4, 4, 4), bool)
+    solid[1, 1, 1] = solid[2, 2, 2] = False
+    hexes = hexahedralize(VoxelGrid.of_solid(solid, Frame((0, 0, 0), (1, 2, 3), solid.shape)))
+    for mesh in (hexes, quadratic(hexes)):
+        assert pinched_nodes(VolumeCensus(mesh)).value == 1
 
 
 def test_genus_of_a_periodic_body_is_refused_and_left_out():
