@@ -99,4 +99,5 @@ FORMAT = Format(
     folder=True,
     shapes=("tet4", "hex8", "wed6"),
     procedures=("conduction", "diffusion", "flow"),
+    command="sh {name}/Allrun",
 )

@@ -185,5 +185,5 @@ def _check_rest(histories: Mapping[str, list[float]], log: str, name: str) -> No
 
 
 def _moved(history: list[float]) -> float:
-    tail = history[-1 - len(history) // 10 :]
+    tail = history[-2 - len(history) // 10 :]
     return max(tail) - min(tail)

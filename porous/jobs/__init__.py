@@ -8,6 +8,8 @@ table of a recipe, a ``SimulationSection`` with ``analysis: Literal["<analysis>"
 
 from porous.jobs._analyses import prepare, section_of, sections
 from porous.jobs._compression import compression
+from porous.jobs._diffusion import diffusion, effective_diffusivity
+from porous.jobs._flow import flow, permeability
 from porous.jobs._material import material
 from porous.jobs._results import results
 from porous.jobs._section import SimulationSection, TwoPhaseSection
@@ -16,7 +18,11 @@ __all__ = [
     "SimulationSection",
     "TwoPhaseSection",
     "compression",
+    "diffusion",
+    "effective_diffusivity",
+    "flow",
     "material",
+    "permeability",
     "prepare",
     "results",
     "section_of",

@@ -79,4 +79,5 @@ def _opening(mesh: VolumeMesh, pore: NDArray[np.int64], side: str) -> NDArray[np
 def _left_out(count: int, kept: NDArray[np.bool_]) -> str:
     if not count:
         return ""
-    return f"{count} pores of {int((~kept).sum())} cells left out: they do not lead through"
+    cells = int((~kept).sum())
+    return f"pores left out, for they do not lead through: {count}, of {cells} cells"

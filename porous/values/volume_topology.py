@@ -162,5 +162,5 @@ def _cut(part: Part, node: Indices, cell: Indices) -> Part:
         renamed = np.column_stack([cell[members[:, 0]], members[:, 1]])
         return Part("faces", renamed[renamed[:, 0] >= 0])
     renamed = (cell if part.kind == "cells" else node)[members]
-    kept = (renamed >= 0).reshape(len(renamed), -1).all(axis=1)
+    kept = (renamed >= 0).all(axis=tuple(range(1, renamed.ndim)))
     return Part(part.kind, renamed[kept])
