@@ -1,16 +1,22 @@
 """Gmsh's versions 4.1 and 2.2 as we write them: to Gmsh itself, to meshio, scikit-fem, and back."""
 
+import io
+
 import meshio
 import neutral_meshes as meshes
 import numpy as np
 import pytest
 import skfem
+from hypothesis import given
+from hypothesis import strategies as st
 from skfem.io.meshio import from_meshio
 from skfem.models.poisson import laplace
 
 from porous import formats
 from porous.errors import FormatError
 from porous.formats import msh, msh2
+from porous.formats._groups import Groups
+from porous.formats._lines import lines_of
 from porous.values import Job, Part, VolumeMesh
 
 WRITERS = {".msh": msh.FORMAT.write, ".msh2": msh2.FORMAT.write}
@@ -188,3 +194,41 @@ def test_what_is_no_mesh_is_refused(tmp_path, suffix):
     with pytest.raises(FormatError, match="the mesh has no cells"):
         formats.write(empty, tmp_path / f"empty{suffix}")
     assert list(tmp_path.iterdir()) == []
+
+
+@st.composite
+def memberships(draw):
+    count = draw(st.integers(1, 12))
+    member = st.integers(0, count - 1)
+    names = draw(st.lists(st.sampled_from(["SKIN", "a", "SOLID", "b", "PORE"]), unique=True))
+    sets = {name: draw(st.sets(member, min_size=1)) for name in names}
+    return Groups(count, {name: np.array(sorted(some)) for name, some in sets.items()})
+
+
+@given(memberships())
+def test_combinations_say_every_part_of_every_element(groups):
+    label, entities = groups.combined()
+    assert len(set(map(frozenset, entities))) == len(entities) == len(np.unique(label))
+    for element, number in enumerate(label):
+        inside = {name for name, members in groups.sets.items() if element in members}
+        assert set(entities[number]) == inside
+
+
+@given(memberships())
+def test_one_part_leads_each_element(groups):
+    label, shown = groups.leading()
+    order = ["SOLID", "PORE", *(n for n in groups.sets if n in "ab"), "SKIN"]
+    for element, number in enumerate(label.tolist()):
+        inside = [n for n in order if n in groups.sets and element in groups.sets[n]]
+        assert (shown[number] if number >= 0 else None) == (inside[0] if inside else None)
+    assert set(label.tolist()) - {-1} == set(range(len(shown)))
+
+
+def test_numbers_in_lines_keep_every_digit():
+    rng = np.random.default_rng(5)
+    whole = rng.integers(-(10**12), 10**12, (25_003, 2))
+    real = rng.standard_normal((25_003, 3)) * 10.0 ** rng.integers(-300, 300, (25_003, 1))
+    table = np.loadtxt(io.BytesIO(b"".join(lines_of(whole[:, 0], real, whole))))
+    assert np.array_equal(table[:, 1:4], real)
+    assert np.array_equal(table[:, [0, 4, 5]], whole[:, [0, 0, 1]])
+    assert list(lines_of(whole[:0])) == []
