@@ -31,7 +31,7 @@ def test_pynastran_reads_what_was_written(decks, ask, tmp_path):
     for name, value in decks.items():
         formats.write(value, tmp_path / f"{name}.bdf")
     said = ask("pynastran", *(tmp_path / f"{name}.bdf" for name in decks))
-    found = {name: said[str(tmp_path / f"{name}.bdf")] for name in decks}
+    found = dict(zip(decks, said, strict=True))
     for name, value in decks.items():
         mesh, got = getattr(value, "mesh", value), found[name]
         scale = {"bare": 1e-3, "si": 0.0254, "voxels": 10.0}.get(name, 1.0)

@@ -4,11 +4,13 @@ import re
 
 import numpy as np
 import pytest
-from deck_meshes import SHAPED, SOFT, STEEL, STEPS, element, volume, written, zoo, zoo_job
+import strict_k
+from deck_meshes import SHAPED, SOFT, STEEL, STEPS, counts, element, volume, written, zoo, zoo_job
 
+from porous import formats
 from porous.errors import FormatError
 from porous.formats import k
-from porous.values import SHAPES, Block, Job, Material, Part, VolumeMesh
+from porous.values import SHAPES, Block, Job, Material, Part, Step, VolumeMesh
 
 LINEAR = ("tet4", "wed6", "hex8")
 FORMULATIONS = {"tet4": 10, "hex8": 2, "wed6": 15, "tet10": 16, "hex20": 23}
@@ -177,7 +179,24 @@ def test_a_material_without_density_is_refused_in_a_step_and_told_in_a_mesh():
         written(k, Job("job", mesh, {"SOLID": light}, (STEPS["static"],)))
     deck = written(k, Job("job", mesh, {"SOLID": light}))
     assert not of(deck, "*MAT_ELASTIC")
+    assert fields(of(deck, "*PART")[0][1], 10) == ["1", "1", "0"]
     assert re.search(r"^\$ material 1, SOLID: not given", deck, re.M)
+
+
+def test_a_strict_reader_takes_what_is_written(tmp_path):
+    pressed = Step("press", "static", STEPS["modal"].held, STEPS["static"].pressed)
+    parts = {"SOLID": STEEL, "PORE": SOFT}
+    static = Job("job", zoo(LINEAR), parts, (pressed,))
+    for name, job, shapes in (("static", static, LINEAR), ("modal", zoo_job("modal"), SHAPED)):
+        formats.write(job, tmp_path / f"{name}.k")
+        told = strict_k.read(tmp_path / f"{name}.k")
+        assert told["elements"] == dict.fromkeys(shapes, 1)
+        assert told["nodes"] == len(zoo(shapes).points)
+        assert told["volume"] == pytest.approx(volume(shapes), rel=1e-12)
+        wanted = counts(zoo(shapes))
+        assert told["node_sets"] == wanted["nodes"]
+        assert told["cell_sets"] == wanted["cells"]
+        assert list(told["face_sets"].values()) == list(wanted["faces"].values())
 
 
 def test_too_many_cells_are_refused(monkeypatch):

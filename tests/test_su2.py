@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import strict_su2
 from deck_meshes import SIZE, base, volume, written, zoo
 from test_inp import voxel_job
 
+from porous import formats
 from porous.formats import su2
 from porous.stages import hexahedralize, name_parts
 from porous.values import Block, Frame, Job, Part, VolumeMesh, VoxelGrid
@@ -119,6 +121,15 @@ def test_all_shapes_are_seen_from_outside():
     areas = [np.ptp(x[:, 0]) * np.ptp(x[:, 1]) / (2 if len(x) == 3 else 1) for x in corners]
     assert sum(areas) == pytest.approx(base(LINEAR))
     assert SIZE[0] != SIZE[1]
+
+
+def test_a_strict_reader_takes_what_is_written(tmp_path):
+    for mesh in (zoo(LINEAR), tunnel()):
+        formats.write(mesh, tmp_path / "mesh.su2")
+        told = strict_su2.read(tmp_path / "mesh.su2")
+        assert told["nodes"] == len(mesh.points)
+        assert told["elements"] == {block.shape: len(block.cells) for block in mesh.blocks}
+        assert told["volume"] == pytest.approx(mesh.volumes.sum(), rel=1e-12)
 
 
 def test_a_mesh_without_parts_is_all_wall():

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import textwrap
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from porous.values.job import PROPERTIES
 from porous.values.units import length_ratio, system_length, system_ratio
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -100,10 +100,6 @@ class Deck:
     def held(self, held: Held) -> float:
         """Return the value at which a quantity is held, in the deck's units."""
         return self.scaled(held.value, DIMENSIONS[held.quantity])
-
-    def filled(self, some: Iterable[Any]) -> list[Any]:
-        """Return what is held or pressed on parts that are not empty."""
-        return [one for one in some if len(self.mesh.parts[one.part].members)]
 
     def pieces(self) -> Iterator[Piece]:
         """Give the cells by block and group."""

@@ -101,10 +101,10 @@ def _control(deck: Deck, number: dict[str, int]) -> Iterator[bytes]:
         yield lines("ANALYSIS = HEAT", "TEMPERATURE(INITIAL) = 1")
     for place, step in enumerate(steps, 1):
         yield lines(f"SUBCASE {place}", f"  LABEL = {plain(step.name)[:50]}")
-        if deck.filled(step.held):
+        if step.held:
             yield lines(f"  SPC = {place}")
         if step.procedure == "static":
-            load = [f"  LOAD = {_load(deck, place)}"] if deck.filled(step.pressed) else []
+            load = [f"  LOAD = {_load(deck, place)}"] if step.pressed else []
             yield lines(*load)
             yield lines(
                 "  DISPLACEMENT = ALL", "  SPCFORCES = ALL", "  STRESS = ALL", "  ESE = ALL"
@@ -141,14 +141,14 @@ def _steps(deck: Deck, number: dict[str, int]) -> Iterator[bytes]:
             yield lines("EIGRL   " + fitted([place, None, None, step.modes], 8))
         elif step.procedure == "conduction":
             yield lines("NLPARM  " + fitted([place, 1], 8))
-        if pressed := deck.filled(step.pressed):
-            yield from _pressed(pressed, deck, number, place)
-        for held in deck.filled(step.held):
+        if step.pressed:
+            yield from _pressed(step.pressed, deck, number, place)
+        for held in step.held:
             yield from _held(held, deck, place)
 
 
 def _pressed(
-    some: list[Pressed], deck: Deck, number: dict[str, int], place: int
+    some: tuple[Pressed, ...], deck: Deck, number: dict[str, int], place: int
 ) -> Iterator[bytes]:
     """Give the combination of load sets that a step calls for."""
     fields: list[float | int | None] = [_load(deck, place), 1.0]

@@ -155,8 +155,6 @@ def _step(step: Step, deck: Deck) -> Iterator[bytes]:
     else:
         yield lines("ANTYPE,STATIC")
     for held in step.held:
-        if not len(deck.mesh.parts[held.part].members):
-            continue
         labels = [AXES[axis] for axis in sorted(held.components)] or ["TEMP"]
         name = deck.names[held.part]
         yield lines(*(f"D,{name},{label},{deck.held(held)!r}" for label in labels))

@@ -166,12 +166,10 @@ def _step(step: Step, deck: Deck) -> Iterator[bytes]:
     )
     yield lines("<Loads>")
     for pressed in step.pressed:
-        if len(deck.mesh.parts[pressed.part].members):
-            yield _pressure(deck.names[pressed.part], deck.scaled(pressed.pressure, "pressure"))
+        yield _pressure(deck.names[pressed.part], deck.scaled(pressed.pressure, "pressure"))
     yield lines("</Loads>", "<Boundary>")
     for held in step.held:
-        if len(deck.mesh.parts[held.part].members):
-            yield from _held(held, deck)
+        yield from _held(held, deck)
     yield lines("</Boundary>", "<Output>", '<plotfile type="febio">')
     yield lines(
         '<var type="displacement"/>', '<var type="stress"/>', '<var type="reaction forces"/>'

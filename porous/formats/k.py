@@ -38,6 +38,8 @@ ORDERS = {
     **{shape: list(range(SHAPES[shape].nodes)) for shape in ("hex8", "tet10", "hex20")},
 }
 """Nodes of each element; a wedge is a brick upon a rectangle whose upper edges are points."""
+ELASTIC = ("density", "youngs_modulus", "poissons_ratio")
+"""What *MAT_ELASTIC says, in this order."""
 KEYWORDS = {"tet10": "*ELEMENT_SOLID", "hex20": "*ELEMENT_SOLID_H20"}
 DISPLACEMENT = 2
 """What LS-DYNA calls a prescribed motion that is one."""
@@ -96,21 +98,26 @@ def _parts(deck: Deck, pieces: list[Piece]) -> Iterator[bytes]:
     for shape, number in section.items():
         yield lines("*SECTION_SOLID", fitted([number, FORMULATIONS[shape]], 10))
     for number, group in enumerate(deck.groups, 1):
-        yield from _material(deck, group, number)
+        yield _material(deck, group, number)
     for number, piece in enumerate(pieces, 1):
-        name = f"{deck.groups[piece.group].name} {piece.shape}"
-        yield lines("*PART", name, fitted([number, section[piece.shape], piece.group + 1], 10))
+        group = deck.groups[piece.group]
+        material = piece.group + 1 if _elastic(group) else 0
+        fields = [number, section[piece.shape], material]
+        yield lines("*PART", f"{group.name} {piece.shape}", fitted(fields, 10))
 
 
-def _material(deck: Deck, group: Group, number: int) -> Iterator[bytes]:
-    names = ("density", "youngs_modulus", "poissons_ratio")
-    material = group.material
-    if material is None or any(getattr(material, name) is None for name in names):
-        yield lines(f"$ material {number}, {group.name}: not given, add *MAT_ELASTIC")
-        return
-    yield lines(
-        "*MAT_ELASTIC", fitted([number, *(deck.known(material, name) for name in names)], 10)
+def _elastic(group: Group) -> bool:
+    """Whether all is known of a material that LS-DYNA needs."""
+    return group.material is not None and all(
+        getattr(group.material, name) is not None for name in ELASTIC
     )
+
+
+def _material(deck: Deck, group: Group, number: int) -> bytes:
+    if group.material is None or not _elastic(group):
+        return lines(f"$ material {number}, {group.name}: not given, add *MAT_ELASTIC")
+    values = [deck.known(group.material, name) for name in ELASTIC]
+    return lines("*MAT_ELASTIC", fitted([number, *values], 10))
 
 
 def _elements(piece: Piece, part: int) -> Iterator[bytes]:
@@ -159,15 +166,13 @@ def _control(step: Step) -> Iterator[bytes]:
 
 
 def _step(step: Step, deck: Deck, number: dict[str, int]) -> Iterator[bytes]:
-    parts, curve = deck.mesh.parts, 0
+    curve = 0
     for held in step.held:
-        if len(parts[held.part].members):
-            curve += int(bool(held.value))
-            yield from _held(held, deck, number[held.part], curve)
+        curve += int(bool(held.value))
+        yield from _held(held, deck, number[held.part], curve)
     for pressed in step.pressed:
-        if len(parts[pressed.part].members):
-            curve += 1
-            yield from _pressed(pressed, deck, number[pressed.part], curve)
+        curve += 1
+        yield from _pressed(pressed, deck, number[pressed.part], curve)
 
 
 def _held(held: Held, deck: Deck, nodes: int, curve: int) -> Iterator[bytes]:

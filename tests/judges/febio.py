@@ -101,7 +101,8 @@ def looked_at(path):
     }
     elements, total, away, domains = {}, 0.0, 0.0, {}
     for some in mesh.elements:
-        elements[some.type] = elements.get(some.type, 0) + len(some.all_elements)
+        shape = "wed6" if some.type == "penta6" else some.type
+        elements[shape] = elements.get(shape, 0) + len(some.all_elements)
         domains[some.name] = [e.id for e in some.all_elements]
         for element in some.all_elements:
             x = np.array([place[number] for number in row(element.text)])
@@ -162,4 +163,5 @@ def shown(bc):
     return [bc.dof, bc.value.lc, bc.value.text]
 
 
-json.dump({path: looked_at(path) for path in sys.argv[1:]}, sys.stdout)
+results = [looked_at(path) for path in sys.argv[1:]]
+json.dump(results[0] if len(results) == 1 else results, sys.stdout)

@@ -63,4 +63,5 @@ def looked_at(path):
     }
 
 
-json.dump({path: looked_at(path) for path in sys.argv[1:]}, sys.stdout)
+results = [looked_at(path) for path in sys.argv[1:]]
+json.dump(results[0] if len(results) == 1 else results, sys.stdout)

@@ -20,7 +20,8 @@ EDGES = {
 
 
 def looked_at(path):
-    whole = not path.endswith("bare.bdf")
+    text = Path(path).read_text("ascii")
+    whole = "no material is given" not in text
     model = read_bdf(path, xref=whole, punch=False, debug=None)
     if not whole:
         model.cross_reference(xref_materials=False, xref_properties=False)
@@ -48,14 +49,13 @@ def looked_at(path):
         "materials": {
             n: [m.e, m.nu, m.rho] for n, m in model.materials.items() if m.type == "MAT1"
         },
-        **named_sets(model, path),
+        **named_sets(model, text),
         **steps(model, whole),
     }
 
 
-def named_sets(model, path):
+def named_sets(model, text):
     """Return the sizes of sets by the names that comments give to their numbers."""
-    text = Path(path).read_text("ascii")
     control = model.case_control_deck.subcases[0] if model.case_control_deck else None
     found = {"node_sets": {}, "cell_sets": {}, "face_sets": {}}
     for kind, name, number in re.findall(r"^\$ (nodes|cells) (\S+): set (\d+)$", text, re.M):
@@ -85,4 +85,5 @@ def steps(model, whole):
     return {"steps": result, "methods": {n: card.nd for n, card in model.methods.items()}}
 
 
-json.dump({path: looked_at(path) for path in sys.argv[1:]}, sys.stdout)
+results = [looked_at(path) for path in sys.argv[1:]]
+json.dump(results[0] if len(results) == 1 else results, sys.stdout)
