@@ -195,8 +195,13 @@ def test_curved_hexahedra_of_meshio(tmp_path, name, nodes):
     points = np.concatenate([CORNERS * [1.0, 2, 3], rng.uniform(0, 1, (nodes - 8, 3))])
     cells = [(f"hexahedron{nodes}", np.arange(nodes)[None])]
     meshio.Mesh(points, cells).write(tmp_path / f"theirs{suffix}", **options)
-    with pytest.warns(FormatWarning, match="1 hexahedra of more than 8 nodes"):
-        ours = HexMesh.of_volume(formats.read(tmp_path / f"theirs{suffix}"))
+    if (suffix, nodes) == (".vtu", 20):
+        mesh = formats.read(tmp_path / f"theirs{suffix}")
+        assert mesh.blocks == (Block("hex20", np.arange(20)[None]),)
+        ours = HexMesh.of_volume(mesh)
+    else:
+        with pytest.warns(FormatWarning, match="1 hexahedra of more than 8 nodes"):
+            ours = HexMesh.of_volume(formats.read(tmp_path / f"theirs{suffix}"))
     assert ours == HexMesh(points[:8], np.arange(8)[None])
 
 

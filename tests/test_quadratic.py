@@ -1,16 +1,20 @@
 """Elements with a node in the middle of every edge: numbers, parts, and a solver's patch test."""
 
+import warnings
+
 import meshio
 import naive_boundary as naive
 import numpy as np
 import pytest
+import pyvista
 import skfem
 import systems
 from skfem.helpers import dot, grad
 from skfem.io.meshio import from_meshio
 
+from porous import formats
 from porous.errors import MemoryLimitError, MeshError
-from porous.stages import hexahedralize, name_parts, quadratic
+from porous.stages import hexahedralize, name_parts, periodic_pairs, quadratic
 from porous.values import SHAPES, Block, Box, Frame, Part, VolumeMesh, VoxelGrid
 from porous.values.volume_topology import boundary_faces, hung_by_faces, nodes_of
 
@@ -181,3 +185,22 @@ def serendipity(node, at):
 def test_hung_meshes_keep_their_bodies():
     mesh = hung_by_faces(tetrahedra(MENGER))
     assert len(quadratic(mesh).points) == len(quadratic(tetrahedra(MENGER)).points)
+
+
+@pytest.mark.parametrize("make", [voxels, tetrahedra])
+def test_files_of_vtk_hold_them_and_their_pairs(tmp_path, make):
+    mesh = make(np.ones((2, 3, 2), bool))
+    mesh = quadratic(periodic_pairs(name_parts(mesh, Box.of_points(mesh.points))))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        formats.write(mesh, tmp_path / "quadratic.vtu")
+        assert formats.read(tmp_path / "quadratic.vtu") == mesh
+    theirs = pyvista.read(tmp_path / "quadratic.vtu")
+    kind = SHAPES[mesh.blocks[0].shape].vtk
+    assert set(theirs.celltypes.tolist()) == {kind}
+    # VTK's own order of nodes: its shape functions put each cell's middle where it is.
+    assert theirs.compute_cell_sizes().cell_data["Volume"].sum() == pytest.approx(
+        mesh.volumes.sum()
+    )
+    pairs = theirs.field_data["pairs:XPAIRS"]
+    assert np.allclose(np.ptp(theirs.points[pairs], axis=1), [2 * SPACING[0], 0, 0])

@@ -1,11 +1,11 @@
 """VTU: volume elements of several shapes with tags and parts, as VTK and ParaView take them.
 
 Tags are Int64 cell arrays. Parts are field data: ``nodes:XMIN`` holds the numbers of points,
-``cells:SOLID`` those of cells, ``faces:XMIN_FACES`` cells with local faces, ``pairs:XPAIRS`` two
-points each. The blocks (their shapes and how many cells each has) are field data too, so what is
-written reads back equal. In files of others the cells are sorted by shape, and whole-numbered cell
-arrays become tags; points, lines and faces are passed over, and hexahedra of 20, 24 and 27 nodes
-are read by their corners.
+``cells:SOLID`` those of cells, ``faces:XMIN_FACES`` cells and local faces, ``pairs:XPAIRS`` points
+and their partners. The blocks (their shapes and how many cells each has) are field data too, so
+what is written reads back equal. In files of others the cells are sorted by shape, and
+whole-numbered cell arrays become tags; points, lines and faces are passed over, and hexahedra of
+24 and 27 nodes are read by their corners.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SHAPE_OF = {shape.vtk: name for name, shape in SHAPES.items()}
 VOXEL = 11
 VOXEL_CORNERS = np.array([0, 1, 3, 2, 4, 5, 7, 6])
 WEDGE_CORNERS = np.array([0, 2, 1, 3, 5, 4])
-HEXAHEDRA = {VOXEL: 8, 25: 20, 29: 27, 33: 24}
+HEXAHEDRA = {VOXEL: 8, 29: 27, 33: 24}
 """Hexahedra that are read by their corners: how many nodes each has, the corners first."""
 NODES = {kind: SHAPES[name].nodes for kind, name in SHAPE_OF.items()} | HEXAHEDRA
 FLAT = (*range(10), 21, 22, 23, 28, 30, 34, 35, 36, 68, 69, 70, 75, 76, 77)
@@ -142,7 +142,7 @@ def _check_types(types: NDArray[np.int64]) -> None:
         refuse(
             "cell types",
             ", ".join(named_kinds),
-            "hexahedra (12), wedges (13) or tetrahedra (10, 24)",
+            "hexahedra (12, 25), wedges (13) or tetrahedra (10, 24)",
         )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path  # noqa: TC003  (pydantic reads it)
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from porous.errors import MeshError, ModelError, nearest
+from porous.errors import FormatWarning, MeshError, ModelError, nearest
 from porous.formats import read
 from porous.models.automaton import DEEPEST
 from porous.models.builders import CurveSection, Options, Texture, build_cell, cell_names
@@ -305,6 +306,9 @@ def _read(path: Path) -> HexMesh:
     found = read(path)
     if not isinstance(found, VolumeMesh):
         raise ModelError(f"mesh: {path.name} holds a {type(found).__name__}; wanted hexahedra")
+    if curved := sum(len(block.cells) for block in found.blocks if block.shape == "hex20"):
+        text = f"{path.name}: {curved} hexahedra of 20 nodes are divided by their corners"
+        warnings.warn(text, FormatWarning, stacklevel=2)
     try:
         return HexMesh.of_volume(found)
     except MeshError as error:

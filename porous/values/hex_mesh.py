@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from porous.values.volume_mesh import VolumeMesh
 
 
+HEXAHEDRA = ("hex8", "hex20")
+
+
 @dataclass(frozen=True, eq=False)
 class HexMesh(Value):
     """Hexahedra that share points; which way a cell's own axes run is its own affair.
@@ -58,17 +61,18 @@ class HexMesh(Value):
 
     @classmethod
     def of_volume(cls, mesh: VolumeMesh) -> Self:
-        """Return the hexahedra of a mesh that has no other cells.
+        """Return the hexahedra of a mesh that has no other cells, quadratic ones by their corners.
 
         Points that no cell uses are left out, tags and parts too, and the points keep their
         numbers whatever unit the mesh says.
         """
         others = {block.shape: len(block.cells) for block in mesh.blocks if len(block.cells)}
-        others.pop("hex8", None)
+        for shape in HEXAHEDRA:
+            others.pop(shape, None)
         if others:
             got = ", ".join(f"{count} {shape}" for shape, count in others.items())
             raise MeshError(f"cells: got {got}; wanted hexahedra (hex8) only")
-        cells = [block.cells for block in mesh.blocks if block.shape == "hex8"]
+        cells = [block.cells[:, :8] for block in mesh.blocks if block.shape in HEXAHEDRA]
         used, corners = np.unique(
             np.concatenate([np.zeros((0, 8), np.int64), *cells]), return_inverse=True
         )
