@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 from xml.parsers import expat
 
@@ -82,6 +83,16 @@ class Thing:
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
     """Depth, pieces, points and triangles of it and of all that it is put together of."""
 
+    @cached_property
+    def arrays(self) -> tuple[Floats, Indices]:
+        """Its own points (n, 3) and triangles (t, 3); refused where these name other points."""
+        points = np.array(self.points).reshape(-1, 3)
+        triangles = np.array(self.triangles).reshape(-1, 3)
+        if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(points):
+            got = f"{triangles.min()} to {triangles.max()}"
+            raise FormatError(f"triangles name vertices {got}; there are {len(points)}")
+        return points, triangles
+
 
 class ModelPart:
     """The machine; ``feed`` it, then take ``unit``, ``beams`` and ``surfaces``."""
@@ -128,9 +139,8 @@ class ModelPart:
         need(size, max(COPIES * self._size, SMALL), "what is built")
         check_memory(3 * size, "what is built", "Cut it into parts.")
         for key, matrix in self.built:
-            name = self.things[key].name
             for thing, place in self._pieces(key, matrix):
-                yield name, *_placed(thing, place, self.scale)
+                yield self.things[key].name, *_placed(*thing.arrays, place, self.scale)
 
     def _pieces(self, key: str, matrix: Matrix) -> Iterator[tuple[Thing, Matrix]]:
         thing = self.things[key]
@@ -283,18 +293,21 @@ def _matrix(text: str | None) -> Matrix:
 
 
 def _after(first: Matrix, second: Matrix) -> Matrix:
-    return Matrix(first.linear @ second.linear, first.shift @ second.linear + second.shift)
+    if second is IDENTITY:
+        return first
+    with np.errstate(over="ignore", invalid="ignore"):  # the surface refuses what comes of it
+        linear = first.linear @ second.linear
+        return Matrix(linear, first.shift @ second.linear + second.shift)
 
 
-def _placed(thing: Thing, place: Matrix, scale: float) -> tuple[Floats, Indices]:
+def _placed(
+    points: Floats, triangles: Indices, place: Matrix, scale: float
+) -> tuple[Floats, Indices]:
     """Return points and triangles of a copy; one that is mirrored is turned outside out again."""
-    points = np.array(thing.points).reshape(-1, 3)
-    triangles = np.array(thing.triangles).reshape(-1, 3)
-    if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(points):
-        got = f"{triangles.min()} to {triangles.max()}"
-        raise FormatError(f"triangles name vertices {got}; there are {len(points)}")
     if place is not IDENTITY:
-        points = points @ place.linear + place.shift
-        if np.linalg.det(place.linear) < 0:
+        with np.errstate(over="ignore", invalid="ignore"):  # the surface refuses what comes of it
+            points = points @ place.linear + place.shift
+            mirrored = np.linalg.det(place.linear) < 0
+        if mirrored:
             triangles = triangles[:, ::-1]
     return points * scale, triangles
