@@ -109,7 +109,7 @@ def doctype(text):
 LAUGHS = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
 TOWER = mesh(1) + "".join(group(i, (str(i - 1), ""), (str(i - 1), "")) for i in range(2, 60))
 CHAIN = mesh(1) + "".join(group(i, (str(i - 1), "")) for i in range(2, 500))
-COPIES = mesh(1) + group(2, *[("1", "")] * 9_000)
+COPIES = mesh(1) + group(2, *[("1", "")] * 4_000)
 EMPTY = group(1) + "".join(group(i, (str(i - 1), ""), (str(i - 1), "")) for i in range(2, 60))
 NEEDS = HEAD[:-1] + ' xmlns:q="urn:other" requiredextensions="%s">'
 MANY = "".join(f'<vertex x="{i}" y="0" z="0"/>' for i in range(1000))
@@ -341,11 +341,11 @@ FILES = {
         "no triangles; wanted at least one",
     ),
     "beams alone": (written(lattice()), "2 beams and no triangles; wanted"),
-    "a tower of copies": (packed(TOWER, item(59)), "copies of objects; wanted at most 10000"),
-    "a tower of nothing": (packed(EMPTY, item(59)), "copies of objects; wanted at most 10000"),
+    "a tower of copies": (packed(TOWER, item(59)), "copies of objects; wanted at most 4096"),
+    "a tower of nothing": (packed(EMPTY, item(59)), "copies of objects; wanted at most 4096"),
     "a chain of objects": (packed(CHAIN, item(499)), "put together of others over 64 deep"),
-    "many copies": (packed(COPIES, item(2)), lambda value: len(value.triangles) == 36_000),
-    "copies of copies": (packed(COPIES, item(2) * 2), "18002 copies of objects; wanted at most"),
+    "many copies": (packed(COPIES, item(2)), lambda value: len(value.triangles) == 16_000),
+    "copies of copies": (packed(COPIES, item(2) * 2), "8002 copies of objects; wanted at most"),
     "an object of another file": (
         packed(mesh(1), f'<item {PATH}="1"/>'),
         "an object: got '/3D/other.model'; wanted all obj",

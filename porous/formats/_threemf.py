@@ -57,7 +57,7 @@ COPIES = 256
 """Bytes of points and triangles that one byte of the model may become by copies."""
 SMALL = 1 << 24
 """As many bytes are always allowed."""
-PIECES = 10_000
+PIECES = 4_096
 """The most copies of objects."""
 ENOUGH = 1 << 62
 
