@@ -76,7 +76,19 @@ def prepare(mesh: VolumeMesh, section: SimulationSection) -> Job:
     if not mesh.cells:
         raise MeshError(f"{_analysis(section)}: the mesh has no cells")
     job: Job = import_module(f"porous.jobs._{_analysis(section)}").prepare(mesh, section)
+    _check_selected(job)
     return replace(job, system=section.units)
+
+
+def _check_selected(job: Job) -> None:
+    """Refuse a job that speaks of a part without members: a solver would do something else."""
+    named = [*job.materials, *job.tied]
+    for step in job.steps:
+        named += [held.part for held in step.held] + [pressed.part for pressed in step.pressed]
+    for name in named:
+        part = job.mesh.parts[name]
+        if not len(part.members):
+            raise MeshError(f"job: the part {name!r} selects nothing; wanted some {part.kind}")
 
 
 def _analysis(section: SimulationSection) -> str:

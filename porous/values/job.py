@@ -272,5 +272,3 @@ class Job(Value):
                 f"job: the mesh has no part of {kind} named {name!r}; "
                 f"there are {', '.join(there) or 'none'}"
             )
-        if not len(part.members):
-            raise MeshError(f"job: the part {name!r} selects nothing; wanted some {kind}")
