@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from porous import formats
 from porous.errors import FormatError
 from porous.formats._cards import fit, node_rows, plain, runs
-from porous.values import Block, Held, Job, Part, Pressed, Step, VolumeMesh
+from porous.values import Block, Held, Job, Material, Part, Pressed, Step, VolumeMesh
 
 STEMS = ("cdb", "bdf", "k", "feb")
 LINEAR = ("tet4", "wed6", "hex8")
@@ -139,6 +139,23 @@ def test_two_steps_are_refused_where_the_second_would_go_on(stem):
     job = Job("job", mesh, {"SOLID": STEEL, "PORE": SOFT}, (STEPS["static"],) * 2)
     with pytest.raises(FormatError, match=r"2 steps .* wanted 1"):
         written(form(stem), job)
+
+
+@each
+def test_numbers_of_numpy_are_numbers(stem):
+    mesh = zoo(("hex8",))
+    two = np.float64(2.5)
+    mine = Material("mine", two, np.float64(0.25), np.float64(1e-9))
+    held = Held("ZMIN", "displacement", two, (0, 1, 2))
+
+    def job(material, held, pressure):
+        step = Step("step", "static", (held,), (Pressed("ZMIN_FACES", pressure),))
+        return Job("job", mesh, {"SOLID": material}, (step,))
+
+    plainer = job(
+        Material("mine", 2.5, 0.25, 1e-9), Held("ZMIN", "displacement", 2.5, (0, 1, 2)), 2.5
+    )
+    assert written(form(stem), job(mine, held, two)) == written(form(stem), plainer)
 
 
 @each

@@ -91,7 +91,7 @@ class Deck:
 
     def scaled(self, value: float, dimension: str) -> float:
         """Return a quantity in mm-t-s-K in the deck's units."""
-        return value * system_ratio(self.job.system, dimension)
+        return float(value * system_ratio(self.job.system, dimension))
 
     def known(self, material: Material, name: str) -> float:
         """Return a property in the deck's units, or raise where it is not known."""
@@ -347,5 +347,8 @@ def fit(value: float, width: int) -> str:
 
 def fitted(values: Sequence[float | int | None], width: int) -> str:
     """Return numbers in columns of a width, None as an empty one."""
-    texts = ("" if v is None else str(v) if isinstance(v, int) else fit(v, width) for v in values)
+    texts = (
+        "" if v is None else str(v) if isinstance(v, int | np.integer) else fit(v, width)
+        for v in values
+    )
     return "".join(text.rjust(width) for text in texts)
