@@ -646,7 +646,7 @@ VTU = {
     "types unknown": (vtu(types=42), "cell types: got '42 polyhedron'; wanted hexahedra .12."),
     "faces alone": (
         vtu(types=9),
-        "cell types: got '9'; wanted hexahedra .12., wedges .13. or tetrahedra",
+        "cell types: got '9'; wanted hexahedra .12, 25., wedges .13. or tetrahedra",
     ),
     "a line before": (
         vtu(cells=2, types="3 10", offsets="2 6", nodes="1 0 0 1 2 3"),
