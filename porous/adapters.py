@@ -264,7 +264,8 @@ def to_skfem(mesh: VolumeMesh) -> Any:
     if shape == "hex20":
         points, cells = _triquadratic(points, cells)
     order = _skfem_order(shape)
-    result = getattr(skfem, SKFEM_MESHES[shape])(points.T, cells[:, order].T)
+    rows = np.ascontiguousarray(points.T), np.ascontiguousarray(cells[:, order].T)
+    result = getattr(skfem, SKFEM_MESHES[shape])(*rows)
     local = _skfem_facets(shape, result)
     faces = {
         name: np.unique(result.t2f[local[part.members[:, 1]], part.members[:, 0]])
