@@ -31,9 +31,8 @@ def flux(mesh):
     )
 
 
-def bent(cells):
+def bent(edges):
     """Return how far at most a node upon an edge lies from the edge's middle."""
-    edges = cells.explode3DMeshTo1D()[0]
     rows, places = edges.getNodalConnectivity().getValues(), edges.getCoords().getValuesAsTuple()
     assert set(rows[::4]) == {mc.NORM_SEG3}
     return max(
@@ -65,7 +64,10 @@ def judge(path):
         if level == -1:
             found["flux"] = {name: flux(file.getGroup(-1, name)) for name in names}
     if cells.getAllGeoTypes()[0] in (mc.NORM_TETRA10, mc.NORM_HEXA20):
-        found["bent"] = bent(cells)
+        found["bent"] = bent(cells.explode3DMeshTo1D()[0])
+        if -1 in file.getNonEmptyLevels():
+            faces = file.getMeshAtLevel(-1)
+            found["bent"] = max(found["bent"], bent(faces.buildDescendingConnectivity()[0]))
     return found
 
 
