@@ -8,12 +8,13 @@ import pytest
 import systems
 from naive_boundary import prefractal
 
+from porous import load, make
 from porous.errors import MeshError
 from porous.formats import inp
 from porous.guests import ccx
 from porous.jobs import prepare, results, sections
 from porous.jobs._homogenisation import PAIRS, STRAINS
-from porous.stages import hexahedralize, name_parts
+from porous.stages import hexahedralize, name_parts, quadratic
 from porous.values import Frame, Material, Part, VoxelGrid
 from porous.values.ties import ties
 
@@ -129,6 +130,37 @@ def test_a_block_is_as_stiff_as_what_it_is_made_of(judge):
     energies = [step["internal energy", "SOLID"][0] for step in solution.steps]
     volume = 15 * 5 * 20
     assert energies == pytest.approx(np.diag(isotropic(210e3, 0.3)) * volume * 1e3 / 2000, rel=1e-6)
+
+
+@pytest.mark.judge
+def test_quadratic_elements_are_tied_in_the_middle_of_edges_too(judge):
+    # Layers normal to x; were the nodes between not tied, it would be softer.
+    mesh = quadratic(periodic(np.ones((4, 1, 2), dtype=bool), (1.0, 2.0, 0.5)))
+    layer = np.arange(8) < 4
+    layers = {"SOLID": Part("cells", np.flatnonzero(layer)), "PORE": Part("cells", np.arange(4, 8))}
+    made = {"SOLID": Material("hard", 5.0, 0.2), "PORE": Material("soft", 1.0, 0.3)}
+    found, _ = solved(job_of(replace(mesh, parts={**mesh.parts, **layers}), made), judge("ccx"))
+    exact = laminate([0.5, 0.5], [(5.0, 0.2), (1.0, 0.3)])
+    turned = [2, 1, 0, 5, 4, 3]  # from z to x: xx and zz, yz and xy change places
+    exact = exact[np.ix_(turned, turned)]
+    assert tensor(found) == pytest.approx(exact, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.judge
+def test_the_deck_of_a_periodic_recipe_runs_as_written(judge, tmp_path):
+    told = {
+        "model.level": 1,
+        "voxels.voxels": 6,
+        "voxels.periodic": [True] * 3,
+        "simulation.analysis": "homogenisation",
+        "simulation.symmetry": "cubic",
+    }
+    result = make(load("menger", set=told), tmp_path / "out", only="simulation")
+    solution = ccx.solve((tmp_path / "out" / "hexes.inp").read_bytes(), program=judge("ccx"))
+    found = results(result.job, solution.steps)
+    coarse = menger(2, judge("ccx"))  # of E = 1
+    for name in ("effective_stiffness_11", "effective_stiffness_44"):
+        assert found[name].value == pytest.approx(210e3 * coarse[name].value, rel=1e-6)
 
 
 @pytest.mark.judge

@@ -174,9 +174,8 @@ def _windings(count: int, edges: Indices, parts: int) -> tuple[Indices, Indices]
     A closed way through bodies leads so many periods on; the rank of all such ways counts.
     """
     whole = joined(count, edges[:, 0], edges[:, 1])
-    place: dict[int, Indices] = {
-        int(np.argmax(whole == w)): np.zeros(parts, np.int64) for w in range(int(whole.max()) + 1)
-    }
+    _, firsts = np.unique(whole, return_index=True)
+    place = {first: np.zeros(parts, np.int64) for first in firsts.tolist()}
     steps = np.eye(parts, dtype=np.int64)
     while len(place) < count:
         for a, b, part in edges.tolist():
