@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 ELEMENTS = {"tet4": "C3D4", "hex8": "C3D8", "wed6": "C3D6", "tet10": "C3D10", "hex20": "C3D20"}
 """Element types; VTK's node order is CalculiX's for all of them. Hexahedra are integrated in full,
 C3D8 in 2 × 2 × 2 and C3D20 in 3 × 3 × 3 points: reduced ones bend better and have modes without
-energy, which a thin strut of few elements finds. C3D10 is integrated in 4 points, which is exact where
-edges are straight."""
+energy, which a thin strut of few elements finds. C3D10 is integrated in 4 points, which is exact
+where edges are straight."""
 HEAT = {shape: f"D{name}" for shape, name in ELEMENTS.items()}
 """Element types of heat; Abaqus needs these, and CalculiX takes them for those of stress."""
 ENDS = ("FIRST", "SECOND")
