@@ -30,15 +30,16 @@ def openfoam(program, folder, *arguments, seconds=60.0):
     return said
 
 
-def check_mesh(program, folder):
-    """Return what ``checkMesh -allGeometry -allTopology`` finds.
+def check_mesh(program, folder, *, thorough=True):
+    """Return what ``checkMesh -allGeometry -allTopology`` finds, or without these options.
 
     A dictionary: ``ok`` (whether it says "Mesh OK"), ``nodes``, ``elements`` by shape, ``volume``
     in m³, ``regions``, ``non_orthogonality`` in degrees, ``patches`` (faces of each),
     ``face_sets``, ``cell_sets`` and ``node_sets`` (members of each zone), and ``said``: all that
     it printed.
     """
-    said = openfoam(program, folder, "-allGeometry", "-allTopology", "-constant")
+    options = ("-allGeometry", "-allTopology") if thorough else ()
+    said = openfoam(program, folder, *options, "-constant")
     count = dict(re.findall(r"^    (\w[\w ]*): +(\d+)$", said, re.M))
     kinds = {shape: int(count[name]) for name, shape in SHAPES.items() if int(count[name])}
     others = sum(int(count[name]) for name in ("wedges", "pyramids", "tet wedges", "polyhedra"))

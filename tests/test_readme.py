@@ -16,7 +16,8 @@ ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 INSTALLS = "python3 -m venv "
 """How the two commands begin that .ci/run executes in fresh environments."""
-SOLVERS = {"ccx"}
+SOLVERS = {"ccx": "ccx", "sh": "simpleFoam"}
+"""Commands besides our own, and what must be installed for them."""
 
 
 def blocks(page):
@@ -63,6 +64,7 @@ def run_line(line, judge, capsys):
         assert main(words[1:]) == 0, f"{line}: {capsys.readouterr().err}"
         return
     assert words[0] in SOLVERS, f"nobody runs {line!r}"
+    judge(SOLVERS[words[0]])
     done = subprocess.run(
         [judge(words[0]), *words[1:]], capture_output=True, text=True, timeout=120, check=False
     )

@@ -74,7 +74,26 @@ def solve(
         _put(case, folder)
         application = _application(folder)
         log = _run(program or application, application, folder, time_limit, watch)
-        histories = _histories(folder)
+        return solution(folder, log)
+
+
+def solution(folder: str | Path, log: str = "") -> Solution:
+    """Return what flows in a case that was solved where it lies, by its ``Allrun``.
+
+    Parameters
+    ----------
+    folder
+        Of the case.
+    log
+        What the solver printed: where it says that it came to rest, it is believed.
+
+    Raises
+    ------
+    GuestError
+        Where nothing was solved, or it diverged, or did not come to rest.
+    """
+    application = _application(Path(folder))
+    histories = _histories(Path(folder))
     _check_rest(histories, log, application)
     last = {name: history[-1] for name, history in histories.items()}
     rounds = max(len(history) for history in histories.values())
@@ -83,8 +102,7 @@ def solve(
 
 def _put(case: str | Path | Iterable[tuple[str, Iterable[bytes]]], folder: Path) -> None:
     if isinstance(case, str | Path):
-        if not (Path(case) / "system" / "controlDict").is_file():
-            raise GuestError(f"{case}: has no system/controlDict; wanted the folder of a case")
+        _application(Path(case))
         shutil.copytree(case, folder, dirs_exist_ok=True)
         return
     for name, chunks in case:
@@ -95,7 +113,10 @@ def _put(case: str | Path | Iterable[tuple[str, Iterable[bytes]]], folder: Path)
 
 
 def _application(folder: Path) -> str:
-    found = APPLICATION.search((folder / "system" / "controlDict").read_text(errors="replace"))
+    control = folder / "system" / "controlDict"
+    if not control.is_file():
+        raise GuestError(f"{folder}: has no system/controlDict; wanted the folder of a case")
+    found = APPLICATION.search(control.read_text(errors="replace"))
     name = found[1] if found else ""
     if name in ("", "checkMesh"):
         raise GuestError("the case has no step; its Allrun says why")
@@ -152,7 +173,7 @@ def _histories(folder: Path) -> dict[str, list[float]]:
         rows = [line.split() for line in path.read_text().splitlines() if line[:1] != "#"]
         found[path.parent.parent.name] = [float(row[-1]) for row in rows if len(row) > 1]
     if not found or not all(found.values()):
-        raise GuestError("OpenFOAM wrote no rates; was it a case of porous with a step?")
+        raise GuestError("OpenFOAM wrote no rates; was a case of porous with a step solved?")
     return found
 
 
