@@ -18,7 +18,7 @@ from porous.formats.gate import RATIO, inflate, need, refuse
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-PAGES, TAGS = 65536, 4096
+PAGES, TAGS = 16384, 4096
 """The most pages of a file, and the most tags of a page."""
 TYPES = {
     **dict.fromkeys((1, 2, 7), "u1"),
@@ -35,11 +35,11 @@ X_RESOLUTION, Y_RESOLUTION, RESOLUTION_UNIT, SOFTWARE, PREDICTOR = 282, 283, 296
 TILE_WIDTH, TILE_HEIGHT, TILE_OFFSETS, TILE_COUNTS, SAMPLE_FORMAT = 322, 323, 324, 325, 339
 BULK = 65110
 """A tag of our own: the bulk, compressed by zlib."""
-WANTED = (
+WANTED = {
     *(SUBFILE, WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, ORDER, DESCRIPTION, OFFSETS),
     *(SAMPLES, ROWS, COUNTS, X_RESOLUTION, Y_RESOLUTION, RESOLUTION_UNIT, PREDICTOR),
     *(TILE_WIDTH, TILE_HEIGHT, TILE_OFFSETS, TILE_COUNTS, SAMPLE_FORMAT, BULK),
-)
+}
 NONE, LZW, DEFLATE, PACKBITS, OLD_DEFLATE = 1, 5, 8, 32773, 32946
 MOST = {NONE: 1, LZW: 4096, DEFLATE: RATIO, OLD_DEFLATE: RATIO, PACKBITS: 64}
 """How many bytes one byte of a strip may become."""
@@ -146,9 +146,7 @@ class _Directories:
             refuse("its beginning", data[:4], "II or MM, then 42 or 43: TIFF or BigTIFF")
         self.data, self.order, self.big = data, order, version == 43
         self.word = "Q" if self.big else "I"
-        width = 8 if self.big else 4
-        entry = [("tag", "u2"), ("type", "u2"), ("count", f"u{width}"), ("value", f"V{width}")]
-        self.entry = np.dtype([(n, order + f if f[0] == "u" else f) for n, f in entry])
+        self.entry = struct.Struct(f"{order}HH{self.word}{8 if self.big else 4}x")
         self.left = len(data)
 
     def __iter__(self) -> Any:
@@ -172,31 +170,32 @@ class _Directories:
 
     def _directory(self, place: int) -> tuple[Tags, int]:
         (count,) = self._numbers("Q" if self.big else "H", place)
+        if not count:
+            refuse("a directory", "no tags", "those of an image")
         need(count, TAGS, "a directory", unit="tags")
         start = place + (8 if self.big else 2)
-        size = count * self.entry.itemsize
+        size = count * self.entry.size
         following = self._numbers(self.word, start + size)[0]
         self._take(size)
-        entries = np.frombuffer(self.data, self.entry, count, start)
+        entries = self.entry.iter_unpack(memoryview(self.data)[start : start + size])
         tags: Tags = {}
-        for k in np.flatnonzero(np.isin(entries["tag"], WANTED)).tolist():
-            tag = int(entries["tag"][k])
-            if tag in tags:
-                refuse("tags of a page", tag, "each tag once")
-            tags[tag] = self._values(entries[k], start + k * self.entry.itemsize)
+        for k, (tag, kind, values) in enumerate(entries):
+            if tag in WANTED:
+                if tag in tags:
+                    refuse("tags of a page", tag, "each tag once")
+                tags[tag] = self._values(tag, kind, values, start + k * self.entry.size)
         return tags, following
 
-    def _values(self, entry: Any, place: int) -> NDArray[Any]:
-        kind, count = int(entry["type"]), int(entry["count"])
+    def _values(self, tag: int, kind: int, count: int, place: int) -> NDArray[Any]:
         if kind not in TYPES:
-            refuse(f"type of tag {entry['tag']}", kind, f"one of {', '.join(map(str, TYPES))}")
+            refuse(f"type of tag {tag}", kind, f"one of {', '.join(map(str, TYPES))}")
         form = np.dtype(self.order + TYPES[kind])
         numbers = 2 * count if kind in PAIRS else count
         size, room = numbers * form.itemsize, 8 if self.big else 4
         place += 12 if self.big else 8
         if size > room:
             place = self._numbers(self.word, place)[0]
-            need(place + size, len(self.data), f"tag {entry['tag']}")
+            need(place + size, len(self.data), f"tag {tag}")
             self._take(size)
         return np.frombuffer(self.data, form, numbers, place)
 

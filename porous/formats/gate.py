@@ -7,6 +7,7 @@ first ask of ``need`` (raw bytes), ``inflate`` (compressed bytes), ``numbers`` (
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import re
@@ -63,8 +64,9 @@ class Source:
         if not plain or self.folder is None:
             refuse(what, name, "the name of a file in the same folder")
         path = self.folder / name
-        if path.is_symlink():
-            refuse(what, name, "a file, not a link to one")
+        with contextlib.suppress(OSError):  # what such names are worth is said on opening
+            if path.is_symlink():
+                refuse(what, name, "a file, not a link to one")
         try:
             return open_source(path).data
         except FormatError as error:
