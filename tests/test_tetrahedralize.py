@@ -1,14 +1,20 @@
 """Tetrahedra of closed surfaces: volume, quality, refusals before the mesher starts, its death."""
 
 import itertools
+import os
+import signal
+import subprocess
+import sys
 import time
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
 import systems
 
+import porous
 from porous import load, run
 from porous.errors import Cancelled, GuestError, MeshError, RecipeError
 from porous.guests import process, tetwild
@@ -299,6 +305,31 @@ def test_a_mesher_that_hangs_or_floods_is_ended_with_its_children(monkeypatch):
     worker(monkeypatch, child + "\nwhile True: print('more and more')")
     with pytest.raises(GuestError, match="it printed"):
         tetrahedralize(CUBE)
+
+
+KILLED = """
+import os, signal
+from porous.models.primitive import named
+from porous.stages import tetrahedralize
+told = []
+def progress(*_):
+    told.append(0)
+    if len(told) > 30:
+        os.kill(os.getpid(), signal.SIGKILL)
+tetrahedralize(named("cube").surface("mm"), edge_length=0.01, progress=progress)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel ends them on Linux only")
+def test_a_mesher_ends_with_whoever_started_it(tmp_path):
+    ours = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(porous.__file__).parent.parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED], env=os.environ | ours, timeout=60, check=False
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert list(tmp_path.iterdir())  # nobody was left to clear up
+    time.sleep(0.2)
+    assert not standing_in(tmp_path)
 
 
 def test_all_attempts_together_have_the_time_that_was_given(monkeypatch):

@@ -6,6 +6,7 @@ writes files into the current folder.
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import math
 import signal
@@ -16,6 +17,14 @@ import numpy as np
 
 FIELD = {"bg_vertices": np.float64, "bg_tets": np.int32, "bg_values": np.float64}
 """A field of wanted edge lengths, in the surface's own unit, linear in each tetrahedron."""
+
+PR_SET_PDEATHSIG = 1
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end this process with the one that started it, where it is Linux."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def main(source: str, target: str) -> None:
@@ -33,6 +42,7 @@ def main(source: str, target: str) -> None:
                 options[key] = np.array(given[key], dtype=dtype)
         # Should nobody be left to end this process, the kernel does.
         signal.alarm(math.ceil(float(given["time_limit"])) + 10)
+        _end_with_parent()
     engine: Any = importlib.import_module("pytetwild")
     nodes, tets = engine.tetrahedralize(
         np.array(points, dtype=np.float64),
