@@ -133,6 +133,18 @@ def test_a_block_is_as_stiff_as_what_it_is_made_of(judge):
 
 
 @pytest.mark.judge
+def test_pairs_in_any_order_are_the_same_cell(judge):
+    mesh = periodic(np.ones((3, 2, 2), dtype=bool))
+    turned = Part("pairs", mesh.parts["XPAIRS"].members[::-1])
+    bare = replace(mesh, parts={**mesh.parts, "XPAIRS": turned})
+    assert b"*NSET, NSET=XPAIRS_SECOND, UNSORTED\n" in b"".join(inp.write(bare))
+    made = {"SOLID": Material("one", 1.0, 0.3)}
+    found, solution = solved(job_of(bare, made), judge("ccx"))
+    assert tensor(found) == pytest.approx(isotropic(1.0, 0.3), rel=1e-6, abs=1e-6)
+    assert "WARNING" not in solution.log
+
+
+@pytest.mark.judge
 def test_quadratic_elements_are_tied_in_the_middle_of_edges_too(judge):
     # Layers normal to x; were the nodes between not tied, it would be softer.
     mesh = quadratic(periodic(np.ones((4, 1, 2), dtype=bool), (1.0, 2.0, 0.5)))

@@ -266,10 +266,15 @@ def _broken(count: int) -> str:
     return ",\n".join(", ".join(part) for part in parts) + "\n"
 
 
-def node_set(kind: str, name: str, numbers: NDArray[np.int64]) -> Iterator[bytes]:
-    """Give a set of nodes (``NSET``) or elements (``ELSET``), in its own order."""
-    unsorted = kind == "NSET" and (np.diff(numbers) < 0).any()
-    yield lines(f"*{kind}, {kind}={name}{', UNSORTED' if unsorted else ''}")
+def node_set(
+    kind: str, name: str, numbers: NDArray[np.int64], *, ordered: bool = False
+) -> Iterator[bytes]:
+    """Give a set of nodes (``NSET``) or elements (``ELSET``).
+
+    Where it is to stay ``ordered`` Abaqus is told so; CalculiX warns of the word and reads on.
+    """
+    mixed = ordered and (np.diff(numbers) < 0).any()
+    yield lines(f"*{kind}, {kind}={name}{', UNSORTED' if mixed else ''}")
     whole = len(numbers) // PER_LINE * PER_LINE
     yield from rows(numbers[:whole].reshape(-1, PER_LINE))
     yield from rows(numbers[None, whole:])

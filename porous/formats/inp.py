@@ -213,7 +213,7 @@ def write(value: Job | VolumeMesh) -> Iterator[bytes]:
     yield from _elements(mesh, every, HEAT if deck and deck.is_thermal else ELEMENTS)
     for key, part in mesh.parts.items():
         if not (names[key] == every and len(part.members) == mesh.cells):
-            yield from _part(names[key], part)
+            yield from _part(names[key], part, ordered=job is None)
     if deck is not None:
         yield from deck.far()
         yield from deck.equations()
@@ -258,7 +258,8 @@ def _elements(mesh: VolumeMesh, every: str, types: Mapping[str, str]) -> Iterato
         yield lines(f"*ELSET, ELSET={every}", ", ".join(blocks))
 
 
-def _part(name: str, part: Part) -> Iterator[bytes]:
+def _part(name: str, part: Part, *, ordered: bool) -> Iterator[bytes]:
+    """Give a set; the nodes of pairs in their order, unless equations say which belong together."""
     numbers = part.members + 1
     if not len(numbers):
         return
@@ -267,7 +268,7 @@ def _part(name: str, part: Part) -> Iterator[bytes]:
         yield from rows(numbers, "%d, S%d\n")
     elif part.kind == "pairs":
         for end, column in zip(ENDS, numbers.T, strict=True):
-            yield from node_set("NSET", f"{name}_{end}", column)
+            yield from node_set("NSET", f"{name}_{end}", column, ordered=ordered)
     else:
         yield from node_set("NSET" if part.kind == "nodes" else "ELSET", name, numbers)
 
