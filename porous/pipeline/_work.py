@@ -209,8 +209,8 @@ class Work:
     def fill_volume(self) -> None:
         method = self.recipe.volume.method
         auto = method == "auto"
-        if auto and (why := self._needs_voxels):
-            self.notes.append(f"one hexahedron per voxel: {why}")
+        why = self._needs_voxels if auto else ""
+        if why:
             method, auto = "voxel-hex", False
         if auto or method == "cells":
             self.volume = self._cells(required=not auto)
@@ -218,6 +218,8 @@ class Work:
             self.volume = self._tetrahedra(required=not auto)
         if self.volume is None and (auto or method == "voxel-hex"):
             self.volume = self._hexahedra()
+        if why and self.volume is not None:
+            self.notes.append(f"one hexahedron per voxel: {why}")
         if self.volume is not None:
             self.volume = self._timed("volume", partial(self._refined, self.volume))
 
