@@ -233,6 +233,20 @@ def test_two_values_and_more(tmp_path):
         formats.read(path)
 
 
+@pytest.mark.parametrize(("given", "unit"), [("µm", "um"), ("nm", "nm"), ("mm", "mm")])
+def test_the_voxel_size_of_ome(tmp_path, given, unit):
+    steps = dict(zip("XYZ", (0.25, 1.5, 3.0), strict=True))
+    said = {f"PhysicalSize{axis}": step for axis, step in steps.items()}
+    said |= {f"PhysicalSize{axis}Unit": given for axis in "XYZ"}
+    path = tmp_path / "a.ome.tif"
+    tifffile.imwrite(path, PAGES, ome=True, metadata={"axes": "ZYX", **said})
+    image = image_of(path)
+    assert np.array_equal(image.values, ramp())
+    assert (image.spacing, image.unit) == ((0.25, 1.5, 3.0), unit)
+    tifffile.imwrite(path, PAGES, ome=True, metadata={"axes": "ZYX", "PhysicalSizeX": 0.25})
+    assert quiet(path).spacing == (1.0, 1.0, 1.0)
+
+
 def test_layers_that_are_called_channels(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.ascontiguousarray(PAGES), imagej=True)
     with (

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from porous.errors import FormatError
 from porous.formats import _image as images
 from porous.formats import _tiff as tiff
 from porous.formats._registry import Format
-from porous.formats.gate import inflate, need, refuse
+from porous.formats.gate import inflate, markup, need, refuse
 from porous.values import VoxelGrid
 from porous.values.image import Image
 
@@ -136,7 +137,7 @@ def _number(text: str | None, default: float) -> float:
 
 
 def _words(tags: Tags) -> dict[str, str]:
-    """Return what ImageJ's description says; nothing for descriptions of others."""
+    """Return what ImageJ's description says, or that of OME; nothing for descriptions of others."""
     raw = tags.get(tiff.DESCRIPTION)
     if raw is None or raw.dtype.itemsize != 1:
         return {}
@@ -145,7 +146,7 @@ def _words(tags: Tags) -> dict[str, str]:
     if text.startswith(IMAGEJ):
         pairs = [line.partition("=") for line in text.splitlines()]
         return {name.strip(): value.strip() for name, sign, value in pairs if sign}
-    return _of_tifffile(text)
+    return _of_ome(text) if "<OME" in text[:2000] else _of_tifffile(text)
 
 
 def _is_utf8(blob: bytes) -> bool:
@@ -154,6 +155,24 @@ def _is_utf8(blob: bytes) -> bool:
     except UnicodeDecodeError:
         return False
     return True
+
+
+def _of_ome(text: str) -> dict[str, str]:
+    """Return what OME-XML says of the first image, in ImageJ's words; lengths are ``steps``."""
+    try:
+        root = markup(text.encode())
+    except FormatError:
+        return {}
+    pixels = next((e for e in root.iter() if e.tag.rpartition(":")[2] == "Pixels"), None)
+    if pixels is None:
+        return {}
+    names = {"channels": "SizeC", "frames": "SizeT", "slices": "SizeZ"}
+    words = {ours: pixels.get(theirs, "1") for ours, theirs in names.items()}
+    units = {pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ"}
+    steps = [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"]
+    if len(units) == 1 and all(_number(step, 0.0) > 0 for step in steps):
+        words |= {"unit": units.pop(), "steps": " ".join(map(str, steps))}
+    return words
 
 
 def _of_tifffile(text: str) -> dict[str, str]:
@@ -170,6 +189,9 @@ def _spacing(source: Source, tags: Tags, words: dict[str, str]) -> tuple[images.
     """Return spacing and unit; 1 mm, with a note, where the file says nothing of use."""
     across = [_resolution(tags.get(tag)) for tag in (tiff.X_RESOLUTION, tiff.Y_RESOLUTION)]
     unit = _unit(tags, words, across[0])
+    if unit is not None and "steps" in words:
+        x, y, z = map(float, words["steps"].split())
+        return (x, y, z), unit
     if unit is None or not all(across):
         source.note("it says no voxel size; taken as 1 mm along x, y and z")
         return (1.0, 1.0, 1.0), "mm"

@@ -5,6 +5,7 @@ from porous.values.box import Box
 from porous.values.frame import Frame
 from porous.values.grid import VoxelGrid
 from porous.values.hex_mesh import HexMesh
+from porous.values.image import Image
 from porous.values.job import Held, Job, Material, Pressed, Step
 from porous.values.measure import Measure, Measures
 from porous.values.pattern import CENTRE, FILL, Pattern
@@ -22,6 +23,7 @@ __all__ = [
     "Frame",
     "Held",
     "HexMesh",
+    "Image",
     "Job",
     "Material",
     "Measure",
