@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from porous.errors import ModelError
 from porous.models.automaton import Cells, cells, count_cells, product, refined, words
-from porous.models.cell_system import CellSystem
-from porous.models.cifs import CIFS
-from porous.models.ifs import IFS
 from porous.values import Part, VolumeMesh
 from porous.values.volume_mesh import ADDRESS
 
@@ -21,7 +18,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.models.automaton import Automaton
+    from porous.models.cifs import CIFS
     from porous.models.drawing import Drawing
+    from porous.models.ifs import IFS
 
     Indices = NDArray[np.int64]
     Floats = NDArray[np.float64]
@@ -78,8 +77,7 @@ def branches(mesh: VolumeMesh, model: object, *, length: int) -> VolumeMesh:
         assert isinstance(level, int)
         word = _by_address(automaton, mesh.cell_tags[ADDRESS], level, length)
     else:
-        assert isinstance(model, IFS | CIFS)
-        word = _Places.of(model, length).words_of(_middles(mesh))
+        word = _Places.of(cast("IFS | CIFS", model), length).words_of(_middles(mesh))
     order = np.argsort(word, kind="stable")
     there, first = np.unique(word[order], return_index=True)
     names = _names(model, automaton, length)
@@ -92,6 +90,10 @@ def branches(mesh: VolumeMesh, model: object, *, length: int) -> VolumeMesh:
 
 
 def _automaton(model: object, mesh: VolumeMesh) -> Automaton:
+    from porous.models.cell_system import CellSystem
+    from porous.models.cifs import CIFS
+    from porous.models.ifs import IFS
+
     if isinstance(model, IFS | CIFS) and not mesh.is_of_cells:
         return model.automaton
     if isinstance(model, CellSystem) and mesh.is_of_cells:
@@ -127,6 +129,8 @@ def _check_length(automaton: Automaton, level: Any, length: int) -> None:
 
 def _names(model: object, automaton: Automaton, length: int) -> list[str]:
     """Return what each word is called, in lexicographic order."""
+    from porous.models.cell_system import CellSystem
+
     labels = {id(t): str(i) for of in automaton.children for i, t in enumerate(of)}
     if isinstance(model, CellSystem):
         brep = model.brep
@@ -204,11 +208,13 @@ class _Places(NamedTuple):
     @classmethod
     def of(cls, model: IFS | CIFS, length: int) -> _Places:
         """Return them for words of so many letters."""
+        from porous.models.cifs import CIFS
         from porous.models.drawing import image
 
         automaton = model.automaton
-        drawings = model.drawings if isinstance(model, CIFS) else ()
-        if isinstance(model, IFS):
+        if isinstance(model, CIFS):
+            drawings = model.drawings
+        else:
             drawings = tuple(image(model.primitive, state) for state in automaton.states)
         whole = isinstance(model.level, int)
         most = model.level - length if isinstance(model.level, int) else DEEP
