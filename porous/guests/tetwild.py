@@ -32,6 +32,10 @@ FINER = (1.0, 0.25)
 
 NAME = "pytetwild"
 
+PASSES, PASSES_OF_WHOLE = 80, 10
+"""Passes of optimisation at most. Between bodies that touch in points the wedges are too sharp
+for the mesher ever to be content, and nothing drops them where all is kept."""
+
 LEAST = 0.1
 """Seconds that an attempt has at least."""
 
@@ -149,6 +153,7 @@ def attempted(
     """
     start = time.monotonic()
     options: dict[str, Any] = {"stop_energy": wish.stop_energy, "disable_filtering": whole}
+    options["num_opt_iter"] = PASSES_OF_WHOLE if whole else PASSES
     if wish.edge_length is not None:
         options["edge_length_abs"] = wish.edge_length
     if wish.field is not None:

@@ -37,6 +37,7 @@ def main(source: str, target: str) -> None:
             if key in given
         }
         options["disable_filtering"] = bool(given["disable_filtering"])
+        options["num_opt_iter"] = int(given["num_opt_iter"])
         for key, dtype in FIELD.items():
             if key in given:
                 options[key] = np.array(given[key], dtype=dtype)
