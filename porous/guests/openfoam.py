@@ -152,8 +152,8 @@ def _run(
 
 def _environment() -> dict[str, str]:
     place = next((place for place in PLACES if Path(place).is_dir()), "")
-    known = {"WM_PROJECT_DIR": place} if place and "WM_PROJECT_DIR" not in os.environ else {}
-    return {"FOAM_SIGFPE": "true", **known}
+    known = os.environ.get("WM_PROJECT_DIR") or place
+    return {"FOAM_SIGFPE": "true", **({"WM_PROJECT_DIR": known} if known else {})}
 
 
 def _trouble(folder: Path) -> str:
