@@ -271,6 +271,10 @@ MHD = {
     "a file elsewhere": (mhd_of(ElementDataFile="/etc/passwd"), "ElementDataFile: got '/etc/pas"),
     "a file above": (mhd_of(ElementDataFile="../secret.raw"), "ElementDataFile: got '../secret"),
     "a link": (mhd_of(ElementDataFile="link.raw"), "ElementDataFile: .*wanted a file, not a link"),
+    "a bulk elsewhere": (
+        mhd_of(head=b'Porous = {"porous":1,"bulk":1,"beside":"../secret.raw"}\n'),
+        "the bulk: got '../secret.raw'; wanted the name of a file in the same folder",
+    ),
     "a list": (mhd_of(ElementDataFile="LIST"), "ElementDataFile: got 'LIST'; wanted one file"),
     "a list of lists": (mhd_of(ElementDataFile="LIST 3D"), "ElementDataFile: got 'LIST 3D'"),
     "nothing": (mhd_of(ElementDataFile=""), "ElementDataFile: got ''; wanted the name"),

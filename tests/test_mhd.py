@@ -1,6 +1,7 @@
 """MetaImage: what ITK takes and gives, in one file and in two."""
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,6 +112,17 @@ def test_big_numbers_first_and_axes_that_run_backwards(tmp_path):
     image = image_of(tmp_path, head + data)
     assert np.array_equal(image.values, ramp()[:, ::-1])
     assert image.origin == pytest.approx((CORNER[0], CENTRE[1] - 5.5 * 1.5, CORNER[2]))
+
+
+def test_a_header_that_was_moved_without_its_bulk(tmp_path):
+    grid = grey_grid()
+    formats.write(grid, tmp_path / "grid.mhd")
+    (tmp_path / "grid.bulk.raw").unlink()
+    with pytest.warns(FormatWarning, match="the bulk is not in it any more; porosity will refer"):
+        assert formats.read(tmp_path / "grid.mhd") == replace(grid, bulk=None)
+    (tmp_path / "grid.bulk.raw").symlink_to(tmp_path / "grid.raw")
+    with pytest.raises(FormatError, match=r"the bulk: got 'grid\.bulk\.raw'; wanted a file, not a"):
+        formats.read(tmp_path / "grid.mhd")
 
 
 def test_no_place_means_that_the_corner_is_at_zero(tmp_path):

@@ -60,8 +60,7 @@ class Source:
         FormatError
             For a name that is not plain, or a file that is not there or not a regular one.
         """
-        plain = name not in ("", ".", "..") and not set(name) & set("/\\\0")
-        if not plain or self.folder is None:
+        if not _is_plain(name) or self.folder is None:
             refuse(what, name, "the name of a file in the same folder")
         path = self.folder / name
         with contextlib.suppress(OSError):  # what such names are worth is said on opening
@@ -72,9 +71,18 @@ class Source:
         except FormatError as error:
             raise FormatError(f"{what}: {name}: {error}") from None
 
+    def misses(self, name: str) -> bool:
+        """Whether a plain name is that of no file in the same folder."""
+        plain = _is_plain(name) and self.folder is not None
+        return plain and not os.path.lexists(Path(self.folder or "") / name)
+
     def note(self, text: str) -> None:
         """Warn of something that was accepted though it is not as it should be."""
         warnings.warn(f"{self.name}: {text}", FormatWarning, stacklevel=2)
+
+
+def _is_plain(name: str) -> bool:
+    return name not in ("", ".", "..") and not set(name) & set("/\\\0")
 
 
 def open_source(path: str | Path) -> Source:

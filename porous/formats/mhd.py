@@ -127,8 +127,9 @@ def _read(source: Source) -> tuple[Image, images.Mark | None]:
     entries = images.entries_of(fields.get("porous"))
     bulked = entries is not None and entries.get("bulk") is not None
     values, bulk = _voxels(source, fields, rest, shape, bulked=bulked)
-    if entries is not None and bulked and "beside" in entries:
-        bulk = _beside(source, str(entries["beside"]), shape)
+    beside = str(entries["beside"]) if entries is not None and "beside" in entries else ""
+    if bulked and beside and not source.misses(beside):
+        bulk = _beside(source, beside, shape)
     values, origin = images.forwards(values, _centre(fields, spacing), spacing, flips)
     image = Image(values, spacing, origin, images.unit_of(fields["distanceunits"], "DistanceUnits"))
     return image, images.Mark(entries, bulk) if entries is not None else None
