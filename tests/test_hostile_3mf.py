@@ -341,6 +341,27 @@ FILES = {
         "no triangles; wanted at least one",
     ),
     "beams alone": (written(lattice()), "2 beams and no triangles; wanted"),
+    "many objects": (
+        packed("".join(group(i) for i in range(5000)) + mesh("x"), item("x")),
+        "more than 4096 objects",
+    ),
+    "many items": (packed(mesh(1), item(1) * 100_000), "objects are used more than 16384 times"),
+    "many vertices": (
+        packed(mesh(1, corners=CORNERS + [(0, 0, 0)] * 60_000), item(1)),
+        lambda value: len(value.points) == 60_004,
+    ),
+    "many triangles": (
+        model(
+            MODEL.replace(
+                "</triangles>", '<triangle v1="0" v2="0" v3="0"/>' * 60_000 + "</triangles>"
+            )
+        ),
+        lambda value: len(value.triangles) == 60_004,
+    ),
+    "a million vertices of 4 KB": (
+        packed(mesh(1, corners=CORNERS + [(0, 0, 0)] * 1_000_000), item(1)),
+        "the model would take 280005[0-9]* bytes; the file has",
+    ),
     "a tower of copies": (packed(TOWER, item(59)), "copies of objects; wanted at most 4096"),
     "a tower of nothing": (packed(EMPTY, item(59)), "copies of objects; wanted at most 4096"),
     "a chain of objects": (packed(CHAIN, item(499)), "put together of others over 64 deep"),
@@ -387,7 +408,7 @@ def test_hostile_files(folder, name):
 
 
 def test_copies_of_a_large_object_stay_within_the_file_s_measure(folder):
-    """16 MiB of copies are always allowed, and 256 bytes for each of the model's own."""
+    """16 MiB of copies are always allowed, and 256 bytes for each that the model is packed to."""
     vertices = "".join(f'<vertex x="{i}" y="{i % 7}" z="{i % 5}"/>' for i in range(4000))
     sides = "".join(f'<triangle v1="{i}" v2="{i + 1}" v3="{i + 2}"/>' for i in range(3998))
     large = (

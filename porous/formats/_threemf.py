@@ -54,11 +54,13 @@ STEP = 1 << 16
 LONGEST = 4 * HEADER
 """The longest tag or comment, in bytes."""
 COPIES = 256
-"""Bytes of points and triangles that one byte of the model may become by copies."""
+"""Bytes of points and triangles that one byte of the packed model may become: one copy takes 2."""
 SMALL = 1 << 24
-"""As many bytes are always allowed."""
+"""So many bytes are always allowed."""
 PIECES = 4_096
-"""The most copies of objects."""
+"""The most copies of objects, and the most objects."""
+USES = 4 * PIECES
+"""The most items and components."""
 ENOUGH = 1 << 62
 
 
@@ -102,7 +104,7 @@ class ModelPart:
         self.things: dict[str, Thing] = {}
         self.built: list[tuple[str, Matrix]] = []
         self._prefixes: dict[str, str] = {}
-        self._depth = self._size = 0
+        self._depth = self._size = self._uses = 0
         self._open: tuple[str, Thing] | None = None
         self._root = False
         self._parser = _parser(self)
@@ -124,10 +126,11 @@ class ModelPart:
         finally:
             self._parser = None  # type: ignore[assignment]  # its handlers hold us: no circles
 
-    def surfaces(self) -> Iterator[tuple[str, Floats, Indices]]:
+    def surfaces(self, packed: int) -> Iterator[tuple[str, Floats, Indices]]:
         """Give the name, the points and the triangles of each copy of an object that is built.
 
-        Raises ``FormatError`` where copies would make far more of the file than it holds.
+        ``packed`` is how many bytes the model takes in its archive. Raises ``FormatError`` where
+        copies would make far more of the file than it holds.
         """
         counts = np.array([self._thing(key).counts for key, _ in self.built], dtype=object)
         if not len(counts):
@@ -136,7 +139,7 @@ class ModelPart:
         if pieces > PIECES:
             raise FormatError(f"{_many(pieces)} copies of objects; wanted at most {PIECES}")
         size = 24 * (points + triangles)
-        need(size, max(COPIES * self._size, SMALL), "what is built")
+        need(size, max(COPIES * packed, SMALL), "what is built")
         check_memory(3 * size, "what is built", "Cut it into parts.")
         for key, matrix in self.built:
             for thing, place in self._pieces(key, matrix):
@@ -196,6 +199,8 @@ class ModelPart:
         key = given.get("id", "")
         if self._open is not None or not key or key in self.things:
             refuse("id of an object", key, "one that no other object has, and none inside another")
+        if len(self.things) >= PIECES:
+            raise FormatError(f"more than {PIECES} objects")
         self._open = key, Thing(given.get("name", ""))
 
     def _current(self, what: str) -> Thing:
@@ -232,6 +237,9 @@ class ModelPart:
             refuse("an object", given[f"{PRODUCTION} path"], "all objects in one model part")
         key = given.get("objectid")
         self._thing(key)
+        self._uses += 1
+        if self._uses > USES:
+            raise FormatError(f"objects are used more than {USES} times")
         assert key is not None
         return key, _matrix(given.get("transform"))
 

@@ -39,9 +39,9 @@ PARTS = 2**15 - 1
 MOST = 2**31 - 1
 """Vertices that the format can number."""
 SLAB = 50_000
-RATIO = 200
-"""Bytes of a model that one byte of the archive may hold: ours hold 5 to 60."""
-SMALL = 1 << 24
+RATIO = 100
+"""Bytes of a model that one byte of the archive may hold: ours hold 5 to 10."""
+SMALL = 1 << 21
 """So long a model is read whatever it is packed to."""
 NANO = 1e-3
 """Microns; the format has no smaller unit."""
@@ -85,7 +85,7 @@ def read(source: Source) -> SurfaceMesh:
         part = ModelPart()
         with damage("the model"), archive.open(info) as member:
             part.feed(member)
-    return _surface(part, source)
+    return _surface(part, source, info.compress_size)
 
 
 def write(value: SurfaceMesh | BeamLattice) -> Iterator[bytes]:
@@ -129,11 +129,11 @@ def _model(archive: ZipFile) -> ZipInfo:
     return members[target.lower()]
 
 
-def _surface(part: ModelPart, source: Source) -> SurfaceMesh:
+def _surface(part: ModelPart, source: Source, packed: int) -> SurfaceMesh:
     names: dict[str, int] = {}
     points, triangles, labels, count = [], [], [], 0
     several = len(part.built) > 1
-    for number, (name, places, corners) in enumerate(part.surfaces(), 1):
+    for number, (name, places, corners) in enumerate(part.surfaces(packed), 1):
         label = names.setdefault(name or (f"object {number}" if several else "WALL"), len(names))
         if label >= PARTS:
             raise FormatError(f"more than {PARTS} parts")
