@@ -17,6 +17,7 @@ CARDS = {
     "MAT_ELASTIC": "iffffff",
     "MAT_THERMAL_ISOTROPIC": None,
     "BOUNDARY_SPC_SET": "iiiiiiii",
+    "BOUNDARY_PRESCRIBED_MOTION_SET": "iiiififf",
     "LOAD_SEGMENT_SET": "iiff",
     "CONTROL_TERMINATION": "fifff",
     "CONTROL_IMPLICIT_GENERAL": "ifiiiii",
@@ -157,9 +158,10 @@ class Deck:
             assert len(set(nodes)) == len(nodes)
             used |= set(nodes)
         assert used <= set(self.nodes)
+        materials = self.ids["MAT_ELASTIC"] or {0: None}  # a mesh alone: the user adds them
         for _, section, material in self.parts.values():
             assert section in self.ids["SECTION_SOLID"]
-            assert material in self.ids["MAT_ELASTIC"]
+            assert material in materials
         for members in self.sets["node_sets"].values():
             assert set(members) <= set(self.nodes)
             assert len(set(members)) == len(members)
@@ -171,6 +173,11 @@ class Deck:
                 assert row[0] in self.sets["node_sets"]
                 assert set(row[2:5]) <= {0, 1}
                 assert any(row[2:5])
+            if name == "BOUNDARY_PRESCRIBED_MOTION_SET":
+                assert row[0] in self.sets["node_sets"]
+                assert 1 <= row[1] <= 7  # translations, rotations with 8; 4 and 8 need a vector
+                assert row[2] in (0, 1, 2)  # velocity, acceleration, displacement
+                assert row[3] in self.ids["DEFINE_CURVE"]
             if name == "LOAD_SEGMENT_SET":
                 assert row[0] in self.sets["face_sets"]
                 assert row[1] in self.ids["DEFINE_CURVE"]
