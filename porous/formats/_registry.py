@@ -29,7 +29,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from porous import disk
 from porous.errors import FormatError, GridError, MemoryLimitError, MeshError
@@ -39,9 +39,12 @@ from porous.values import Job, VolumeMesh
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from porous.values.image import Image
     from porous.values.value import Value
 
     File = tuple[str, Iterable[bytes]]
+
+T = TypeVar("T")
 
 LONGEST = 400
 """The longest message about a file, in characters."""
@@ -80,6 +83,8 @@ class Format:
     command
         The command line that runs a job's steps in the folder that ``{name}`` lies in, where there
         is one; ``{stem}`` is the name without its suffix.
+    read_image
+        Of formats of images: the function from a ``Source`` to the grey values as they are.
     """
 
     name: str
@@ -94,6 +99,7 @@ class Format:
     procedures: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
     command: str = ""
+    read_image: Callable[[Source], Image] | None = None
 
     @property
     def suffix(self) -> str:
@@ -129,8 +135,36 @@ def read(path: str | Path) -> Value:
     if form.read is None:
         there = ", ".join(f.suffix for f in formats() if f.read)
         raise FormatError(f"{path}: {form.suffix} files are written, not read; wanted {there}")
+    return _read(path, form.read)
+
+
+def read_image(path: str | Path) -> Image:
+    """Read the grey values of an image as they are; the suffix says which format it is.
+
+    Raises
+    ------
+    FormatError
+        Where the file is missing, damaged, or of a format that holds no image.
+    MemoryLimitError
+        Where what it holds would not fit into memory.
+    """
+    form = _find(Path(path))
+    if form.read_image is None:
+        raise FormatError(
+            f"{path}: a {form.suffix} file holds no image; wanted one of {', '.join(images())}"
+        )
+    return _read(path, form.read_image)
+
+
+def images() -> tuple[str, ...]:
+    """Return the suffixes of files that ``read_image`` reads."""
+    return tuple(suffix for form in formats() if form.read_image for suffix in form.suffixes)
+
+
+def _read(path: str | Path, reader: Callable[[Source], T]) -> T:
+    """Return what a reader makes of a file; what it refuses is said with the path before it."""
     try:
-        return form.read(open_source(path))
+        return reader(open_source(path))
     except (FormatError, GridError, MeshError) as error:
         raise FormatError(f"{path}: {_plain(error)}") from None
     except MemoryLimitError as error:

@@ -264,4 +264,5 @@ FORMAT = Format(
     read,
     (VoxelGrid,),
     write_files=write_files,
+    read_image=read_image,
 )

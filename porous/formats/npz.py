@@ -21,6 +21,7 @@ from porous.formats._zip import EPOCH, METHODS, check_directory, damage
 from porous.formats.gate import need, refuse
 from porous.memory import check_memory
 from porous.values import Frame, VoxelGrid
+from porous.values.image import Image
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 STEP = 1 << 20
 MAGIC = b"\x93NUMPY"
 HEAD, AXES = 4096, 3
+OURS = frozenset(
+    ("bulk", "hausdorff", "sampling_error", "periodic", "start", "spacing", "origin", "unit")
+) | {"sampling"}
+"""What stands beside the voxels in an archive."""
 DESCRIPTION = re.compile(
     r"\{'descr': '([<>|=]?(?:b1|[iu][1248]|f[248]|U[1-9][0-9]{0,3}))', "
     r"'fortran_order': (True|False), "
@@ -42,11 +47,20 @@ DESCRIPTION = re.compile(
 
 def read(source: Source) -> VoxelGrid:
     """Read a grid of voxels."""
+    with _opened(source) as archive:
+        return _grid(_Arrays(archive))
+
+
+def read_image(source: Source) -> Image:
+    """Read the grey values as they are: of ``fill``, or of the one array of three axes."""
+    with _opened(source) as archive:
+        return _image(_Arrays(archive), source)
+
+
+def _opened(source: Source) -> ZipFile:
     check_directory(source.data)
     with damage("the archive"):
-        archive = zipfile.ZipFile(io.BytesIO(source.data))
-    with archive:
-        return _grid(_Arrays(archive))
+        return zipfile.ZipFile(io.BytesIO(source.data))
 
 
 def write(grid: VoxelGrid) -> Iterator[bytes]:
@@ -100,6 +114,16 @@ def _grid(arrays: _Arrays) -> VoxelGrid:
     return VoxelGrid(frame, fill, bulk, sampling, bound, error or 0.0)
 
 
+def _image(arrays: _Arrays, source: Source) -> Image:
+    values = arrays.grey()
+    if "spacing" not in arrays.members:
+        source.note("it says no voxel size; taken as 1 mm along x, y and z")
+    spacing = arrays.three("spacing", (1.0, 1.0, 1.0))
+    start, origin = (arrays.three(name, (0.0, 0.0, 0.0)) for name in ("start", "origin"))
+    x, y, z = (o + a * h for o, a, h in zip(origin, start, spacing, strict=True))
+    return Image(values, spacing, (x, y, z), arrays.word("unit", "mm"))
+
+
 class _Arrays:
     """The arrays of an archive by name, read when they are asked for."""
 
@@ -117,6 +141,18 @@ class _Arrays:
         if values.ndim != 3 or values.dtype not in (bool, np.uint8):
             refuse(name, f"{values.dtype} of shape {values.shape}", "uint8 or bool, three axes")
         return values * np.uint8(255) if values.dtype == bool else values
+
+    def grey(self) -> NDArray[Any]:
+        """Return the one array that can be an image."""
+        names = ["fill"] if "fill" in self.members else [n for n in self.members if n not in OURS]
+        if len(names) != 1:
+            got = ", ".join(self.members) or "none"
+            refuse("arrays", got, "the grey values as fill, or as the only array besides our own")
+        values = self._read(names[0])
+        if values.ndim != AXES or values.dtype.kind not in "biuf":
+            got = f"{values.dtype} of shape {values.shape}"
+            refuse(names[0], got, "numbers on three axes")
+        return values
 
     def three(self, name: str, default: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
         if name not in self.members:
@@ -193,4 +229,6 @@ def _taken(member: IO[bytes], size: int, name: str) -> bytearray:
     return result
 
 
-FORMAT = Format("NumPy archive", (".npz",), VoxelGrid, read, (VoxelGrid,), write)
+FORMAT = Format(
+    "NumPy archive", (".npz",), VoxelGrid, read, (VoxelGrid,), write, read_image=read_image
+)

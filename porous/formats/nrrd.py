@@ -305,4 +305,5 @@ FORMAT = Format(
     read,
     (VoxelGrid,),
     write_files=write_files,
+    read_image=read_image,
 )

@@ -342,4 +342,12 @@ def _first(grid: VoxelGrid, bulk: bytes) -> list[Tag]:
     return tags
 
 
-FORMAT = Format("TIFF stack", (".tif", ".tiff"), VoxelGrid, read, (VoxelGrid,), write)
+FORMAT = Format(
+    "TIFF stack",
+    (".tif", ".tiff"),
+    VoxelGrid,
+    read,
+    (VoxelGrid,),
+    write,
+    read_image=read_image,
+)

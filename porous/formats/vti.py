@@ -8,6 +8,7 @@ one that holds nothing but 0 and 1 is a mask, and 1 is solid.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import SubElement
 
@@ -19,6 +20,7 @@ from porous.formats._vtk import Document, Writer, child, named, unit_of, vector,
 from porous.formats.gate import RATIO, need, refuse, whole
 from porous.memory import check_memory
 from porous.values import Frame, VoxelGrid
+from porous.values.image import Image
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,6 +34,8 @@ KIND = "ImageData"
 MOST = 2**31 - 1
 IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 OURS = "fill"
+WIDEST = 8
+"""Bytes of the widest number."""
 
 
 def read(source: Source) -> VoxelGrid:
@@ -52,6 +56,39 @@ def read(source: Source) -> VoxelGrid:
     bound, error = (_length(document, fields, name) for name in ("hausdorff", "sampling_error"))
     sampling = _sampling(document, fields, fill)
     return VoxelGrid(frame, fill, bulk, sampling, bound, error or 0.0)
+
+
+def read_image(source: Source) -> Image:
+    """Read the grey values as they are, of the one array of cells, else of points.
+
+    Points are the centres of voxels then, as scanners' images have them.
+    """
+    document = Document(source.data, KIND)
+    image = child(document.root, KIND)
+    frame = _frame(document, image, named(image.find("FieldData")))
+    piece = child(image, "Piece")
+    cells, points = (_grey(named(piece.find(name))) for name in ("CellData", "PointData"))
+    origin, shape = frame.box.lower, frame.shape
+    if not cells and points:
+        x, y, z = (o - h / 2 for o, h in zip(origin, frame.spacing, strict=True))
+        origin, shape = (x, y, z), (shape[0] + 1, shape[1] + 1, shape[2] + 1)
+    found = cells or points
+    if len(found) != 1:
+        got = ", ".join(found) or "none"
+        refuse("arrays of grey values", got, f"one, of cells or of points, or {OURS!r} of cells")
+    ((name, element),) = found.items()
+    count = math.prod(shape)
+    what = f"an image of {' × '.join(map(str, shape))} voxels"
+    need(count, RATIO * len(source.data), what)
+    check_memory(3 * count * WIDEST, what, "Cut it into parts.")
+    values = document.array(element, count, name).reshape(shape[::-1]).transpose(2, 1, 0)
+    return Image(values, frame.spacing, origin, frame.unit)
+
+
+def _grey(arrays: dict[str, Element]) -> dict[str, Element]:
+    """Return the arrays that can be an image: ours alone where it is there."""
+    one = {n: e for n, e in arrays.items() if e.get("NumberOfComponents", "1") == "1"}
+    return {OURS: one[OURS]} if OURS in one else {n: e for n, e in one.items() if e.get("type")}
 
 
 def write(grid: VoxelGrid) -> Iterator[bytes]:
@@ -137,4 +174,6 @@ def _voxels(document: Document, element: Element, frame: Frame) -> NDArray[np.ui
     return values.reshape(frame.shape[::-1]).transpose(2, 1, 0)
 
 
-FORMAT = Format("VTK image data", (".vti",), VoxelGrid, read, (VoxelGrid,), write)
+FORMAT = Format(
+    "VTK image data", (".vti",), VoxelGrid, read, (VoxelGrid,), write, read_image=read_image
+)
