@@ -65,7 +65,7 @@ if TYPE_CHECKING:
         VoxelGrid,
     )
     from porous.view import show
-    from porous.workspace import make, make_stored, resume
+    from porous.workspace import make, make_stored, resume, solve
 
 _HOMES = {
     "adapters": ("to_porespy", "to_pyvista", "to_skfem", "to_taufactor", "to_trimesh"),
@@ -128,7 +128,7 @@ _HOMES = {
         "VoxelGrid",
     ),
     "view": ("show",),
-    "workspace": ("make", "make_stored", "resume"),
+    "workspace": ("make", "make_stored", "resume", "solve"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -186,6 +186,7 @@ __all__ = [
     "show",
     "simplify",
     "smooth",
+    "solve",
     "stream_surface",
     "tetrahedralize",
     "tetrahedralize_phases",

@@ -14,7 +14,6 @@ import sys
 import time
 import traceback
 import warnings
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from porous.recipe import Recipe
     from porous.values import Measures
     from porous.values.tiled import Map
+    from porous.workspace import Solved
 
 app = App(
     name="porous",
@@ -194,6 +194,29 @@ def resume(
     _print_made(made, folder, as_json=as_json)
 
 
+@app.command
+def solve(
+    folder: Annotated[Path, Parameter(help="A folder that porous make has filled.")],
+    *,
+    program: Annotated[
+        str | None, Parameter(help="The solver, where it is not ccx or what the case names.")
+    ] = None,
+    time_limit: Annotated[float, Parameter(help="Seconds that the solver may take.")] = 3600.0,
+    as_json: Json = False,
+    max_memory: Memory = None,
+) -> None:
+    """Run the deck in a folder in CalculiX or OpenFOAM; put there what it comes to."""
+    from porous import workspace
+
+    with limited(max_memory), _Progress() as progress:
+        solved = workspace.solve(folder, program=program, time_limit=time_limit, progress=progress)
+    if as_json:
+        print((folder / "results.json").read_text(encoding="utf-8"), end="")
+        return
+    _print_result(solved, every=True)
+    print(f"{folder}: {', '.join(sorted(path.name for path in folder.glob('results.*')))}")
+
+
 def _check_chunk(chunk: int | None, *, stored: bool) -> None:
     if chunk is not None and (chunk < 1 or not stored):
         raise RecipeError(f"--chunk: got {chunk}; wanted 1 voxel or more, with --out-of-core")
@@ -247,49 +270,20 @@ def measure(
     from porous import workspace
 
     with limited(max_memory), _of(source), _Progress() as progress:
-        if _is_recipe(source):
-            result = _measured(_load(source, values, voxels), feature, progress)
+        if workspace.is_recipe(source):
+            result = workspace.measured(_load(source, values, voxels), feature, progress)
+        elif values or voxels or feature:
+            raise RecipeError(
+                f"{source}: --set, --voxels and --feature are for presets and recipes"
+            )
         else:
-            result = _examined(source, given=bool(values or voxels or feature))
+            result = workspace.examined(source)
         if out is not None:
             workspace.write_measures(result, out)
     if as_json:
         print(workspace.rendered(workspace.record(result)), end="")
         return
     _print_result(result, every=True)
-
-
-def _is_recipe(source: str) -> bool:
-    """Tell whether a preset or a recipe is meant, and no file of another kind."""
-    from porous import presets
-
-    named = Path(source).suffix in ("", presets.SUFFIX) and not Path(source).is_dir()
-    return source in presets.names() or named
-
-
-def _measured(recipe: Recipe, feature: float | None, progress: _Progress) -> Result:
-    from porous import pipeline
-    from porous.measures import finest_printable_level
-    from porous.values import Measures
-
-    result = pipeline.run(recipe, only="measures", progress=progress)
-    if feature is None:
-        return result
-    assert result.model is not None
-    level = finest_printable_level(result.model, feature=feature)
-    return replace(result, measures=result.measures + Measures((level,)))
-
-
-def _examined(path: str, *, given: bool) -> Result:
-    from porous.formats import read
-    from porous.pipeline import examine
-    from porous.scale import StoredGrid
-
-    if given:
-        raise RecipeError(f"{path}: --set, --voxels and --feature are for presets and recipes")
-    if Path(path).is_dir():
-        return examine(StoredGrid.open(path))
-    return examine(read(path))  # type: ignore[arg-type]
 
 
 @app.command
@@ -483,12 +477,12 @@ class _Progress:
             _tell(f"{stage}: {now - begin:.1f} s")
 
 
-def _print_result(result: Result, *, every: bool) -> None:
+def _print_result(result: Result | Solved, *, every: bool) -> None:
     _print_measures(result.measures, every=every)
     for note in result.notes:
         print(f"note: {note}")
-    if result.certificate is not None:
-        print(result.certificate)
+    if getattr(result, "certificate", None) is not None:
+        print(result.certificate)  # type: ignore[union-attr]
 
 
 def _print_measures(measures: Measures, *, every: bool) -> None:

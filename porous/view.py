@@ -17,7 +17,7 @@ import numpy as np
 
 from porous.errors import GuestError, ViewError
 from porous.guests.process import run, workplace
-from porous.values import SurfaceMesh, VolumeMesh, VoxelGrid
+from porous.values import MeshFields, SurfaceMesh, VolumeMesh, VoxelGrid
 from porous.values.volume_topology import boundary_faces, nodes_of
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Drawable = SurfaceMesh | VolumeMesh | VoxelGrid
+    Drawable = SurfaceMesh | VolumeMesh | VoxelGrid | MeshFields
     Polygons = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 TIME_LIMIT = 120.0
@@ -46,6 +46,12 @@ LIGHTS = (((-0.2, 1.4, 0.8), 0.72), ((-1.2, -0.1, 1.0), 0.52), ((0.5, 0.0, 1.0),
 
 CREASE = 35.0
 """Degrees between triangles from which on the edge between them is drawn as one."""
+
+DEFORMED = 0.06
+"""What the greatest displacement is in a picture, of the diagonal of the body's box."""
+
+MAP = ("#30123b", "#4777ef", "#1bd0d5", "#62fc6b", "#d2e935", "#fe9b2d", "#db3a07", "#7a0403")
+"""Colours of a field, from the least value to the greatest."""
 
 FROM = (1.7, -2.3, 1.3)
 """Where the eye is, seen from the body."""
@@ -76,6 +82,78 @@ def picture(value: Drawable, *, width: int = 800, height: int = 600, triad: bool
         _save_scene(folder / "scene.npz", value, (width, height), triad=triad)
         _draw(folder, "picture.png")
         return (folder / "picture.png").read_bytes()
+
+
+def field_picture(
+    value: MeshFields,
+    name: str,
+    *,
+    title: str = "",
+    deformed_by: str = "",
+    width: int = 800,
+    height: int = 600,
+) -> bytes:
+    """Return a picture of a field on the boundary of a mesh as the bytes of a PNG file.
+
+    Parameters
+    ----------
+    value
+        A mesh with the field at its nodes.
+    name
+        Of the field; of vectors their length is drawn, of tensors von Mises' stress.
+    title
+        Of the bar of colours; by default name and unit.
+    deformed_by
+        The name of a field of vectors by which the shape is moved, enlarged so that it can be
+        seen; the title says by how much.
+    width, height
+        In pixels.
+
+    Raises
+    ------
+    ViewError
+        As ``picture``, and for fields that cannot be drawn.
+    """
+    _require_libraries()
+    with workplace() as folder:
+        scene = _field_scene(value, name, title=title, deformed_by=deformed_by)
+        if min(width, height) < 1:
+            raise ViewError(f"picture: got {width} × {height} pixels; wanted at least one")
+        np.savez(folder / "scene.npz", size=(width, height), **scene)  # type: ignore[arg-type]
+        _draw(folder, "picture.png")
+        return (folder / "picture.png").read_bytes()
+
+
+def _field_scene(
+    value: MeshFields, name: str, *, title: str, deformed_by: str
+) -> dict[str, NDArray[Any]]:
+    field, mesh = value[name], value.mesh
+    if field.at != "nodes":
+        raise ViewError(f"field {name!r}: is at {field.at}; wanted one at nodes")
+    faces = _boundary(mesh)
+    colour = field.magnitude
+    if not len(faces) or not np.isfinite(colour[np.unique(faces)]).any():
+        raise ViewError(f"field {name!r}: there is nothing to draw")
+    said = title or name.replace("_", " ") + (f" / {field.unit}" if field.unit else "")
+    points = mesh.points
+    if deformed_by:
+        moved = value[deformed_by].values
+        if moved.shape != points.shape:
+            raise ViewError(f"field {deformed_by!r}: got {moved.shape}; wanted vectors at nodes")
+        factor = _factor(points, moved)
+        points = points + factor * np.nan_to_num(moved)
+        said += f", deformed × {factor:.6g}" if factor else ""
+    return {"points": points, "faces": faces, "colour": colour, "title": np.array(said)}
+
+
+def _factor(points: NDArray[np.float64], moved: NDArray[np.float64]) -> float:
+    """Return a round number by which displacements are to be enlarged; zero where all are."""
+    most = float(np.nan_to_num(np.linalg.norm(moved, axis=1)).max(initial=0.0))
+    if not most:
+        return 0.0
+    wanted = DEFORMED * float(np.linalg.norm(np.ptp(points, axis=0))) / most
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return float(f"{max(1, math.floor(wanted / power)) * power:.1e}")
 
 
 def show(value: Drawable) -> None:
@@ -126,6 +204,7 @@ def _draw(folder: Path, *image: str) -> None:
 def _save_scene(path: Path, value: Drawable, size: tuple[int, int], *, triad: bool = True) -> None:
     if min(size) < 1:
         raise ViewError(f"picture: got {size[0]} × {size[1]} pixels; wanted at least one")
+    value = value.mesh if isinstance(value, MeshFields) else value
     points, faces = _polygons(value)
     if not len(faces):
         raise ViewError("there is nothing to draw: no solid voxel, triangle or cell")
@@ -141,7 +220,7 @@ def _walls(surface: SurfaceMesh) -> NDArray[np.bool_]:
     return np.asarray(named & (not named.all()))
 
 
-def _polygons(value: Drawable) -> Polygons:
+def _polygons(value: SurfaceMesh | VolumeMesh | VoxelGrid) -> Polygons:
     if isinstance(value, SurfaceMesh):
         return value.points, value.triangles
     if isinstance(value, VolumeMesh):
@@ -177,6 +256,9 @@ def _render(scene: str, image: str | None) -> None:
     import pyvista as pv
 
     with np.load(scene) as arrays:
+        if "colour" in arrays:
+            _render_field(dict(arrays), image)
+            return
         body = pv.PolyData.from_regular_faces(arrays["points"], arrays["faces"])
         body.cell_data["walls"] = arrays["walls"].astype(np.uint8)
         size, edges, triad = arrays["size"].tolist(), bool(arrays["edges"]), bool(arrays["triad"])
@@ -191,6 +273,50 @@ def _render(scene: str, image: str | None) -> None:
     plotter.enable_ssao(radius=length / 8, bias=length / 1000, kernel_size=32)
     plotter.enable_anti_aliasing("ssaa")
     plotter.show(screenshot=image or False, auto_close=True)
+
+
+def _render_field(scene: dict[str, NDArray[Any]], image: str | None) -> None:
+    """Draw a field's colours, and beside them what they stand for."""
+    import pyvista as pv
+
+    body = pv.PolyData.from_regular_faces(scene["points"], scene["faces"])
+    body.point_data["colour"] = scene["colour"]
+    shown = scene["colour"][np.unique(scene["faces"])]
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    size: list[int] = scene["size"].tolist()
+    plotter: Any = pv.Plotter(off_screen=image is not None, window_size=size)
+    plotter.set_background("white")
+    limits = (low, high if high > low else low + 1.0)
+    table = pv.LookupTable(values=_colours(), scalar_range=limits)
+    look = {"ambient": 0.45, "diffuse": 0.6, "show_scalar_bar": False}
+    plotter.add_mesh(body, scalars="colour", cmap=table, clim=limits, **look)
+    letter = max(10, size[1] // 36)
+    plotter.add_scalar_bar(
+        n_labels=5,
+        fmt="%.3g",
+        color="black",
+        vertical=True,
+        position_x=0.88,
+        position_y=0.12,
+        width=0.05,
+        height=0.76,
+        label_font_size=letter,
+        unconstrained_font_size=True,
+    )
+    where = {"position": (0.02, 0.94), "viewport": True}
+    plotter.add_text(str(scene["title"]), color="black", font_size=round(0.7 * letter), **where)
+    plotter.view_vector(FROM)
+    plotter.camera.zoom(0.95)
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.show(screenshot=image or False, auto_close=True)
+
+
+def _colours() -> NDArray[np.uint8]:
+    """Return 256 colours between those of ``MAP``, with their opacity."""
+    knots = np.array([[int(word[i : i + 2], 16) for i in (1, 3, 5)] for word in MAP], float)
+    place = np.linspace(0, len(knots) - 1, 256)
+    rgb = np.stack([np.interp(place, np.arange(len(knots)), knots[:, i]) for i in range(3)], axis=1)
+    return np.column_stack([np.rint(rgb), np.full(256, 255)]).astype(np.uint8)
 
 
 def _add_body(plotter: Any, body: Any, *, edges: bool) -> None:

@@ -191,7 +191,7 @@ def test_a_log_names_no_file_outside(tmp_path, name, monkeypatch):
     log["files"][name] = [1, 2]
     (out / "log.json").write_text(json.dumps(log))
     looked_at = []
-    monkeypatch.setattr(workspace, "_sum", looked_at.append)
+    monkeypatch.setattr(workspace._make, "_sum", looked_at.append)
     assert not workspace.is_whole(out)
     assert not looked_at
 

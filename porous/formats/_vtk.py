@@ -66,18 +66,19 @@ class Writer:
         self.blobs: list[bytes] = []
         self.size = 0
 
-    def array(self, parent: Element, name: str, values: NDArray[Any], **more: str) -> None:
-        """Append an array; one of two dimensions has components."""
+    def array(self, parent: Element, name: str, values: NDArray[Any], **more: str) -> Element:
+        """Append an array; one of two dimensions has components. Return its element."""
         if UNSPEAKABLE.search(name):
             refuse("a name", name, "characters that XML can hold")
         if values.ndim == 2:
             more = {"NumberOfComponents": str(values.shape[1]), **more}
         form = NAMES[values.dtype.str[1:]]
         more = {"Name": name, **more, "format": "appended", "offset": str(self.size)}
-        SubElement(parent, "DataArray", {"type": form, **more})
+        element = SubElement(parent, "DataArray", {"type": form, **more})
         blobs = _compressed(values)
         self.blobs += blobs
         self.size += sum(map(len, blobs))
+        return element
 
     def field(self, parent: Element, name: str, values: NDArray[Any]) -> None:
         """Append an array that belongs to the whole file."""

@@ -6,6 +6,9 @@ and their partners. The blocks (their shapes and how many cells each has) are fi
 what is written reads back equal. In files of others the cells are sorted by shape, and
 whole-numbered cell arrays become tags; points, lines and faces are passed over, and hexahedra of
 24 and 27 nodes are read by their corners.
+
+Fields are Float64 arrays of the points and cells, whose units VTK's readers find as UNITS_LABEL;
+they are written, and passed over when such a file is read as a mesh.
 """
 
 from __future__ import annotations
@@ -20,16 +23,17 @@ from porous.formats._elements import note_bent
 from porous.formats._registry import Format
 from porous.formats._vtk import Document, Writer, child, named, unit_of
 from porous.formats.gate import integer, refuse
-from porous.values import SHAPES, Block, Part, VolumeMesh
+from porous.values import SHAPES, Block, MeshFields, Part, VolumeMesh
 from porous.values.volume_mesh import PART_KINDS, ROWS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from xml.etree.ElementTree import Element
 
     from numpy.typing import NDArray
 
     from porous.formats.gate import Source
+    from porous.values import Field
 
 KIND = "UnstructuredGrid"
 SHAPE_OF = {shape.vtk: name for name, shape in SHAPES.items()}
@@ -74,16 +78,21 @@ def read(source: Source) -> VolumeMesh:
     )
 
 
-def write(mesh: VolumeMesh) -> Iterator[bytes]:
-    """Write a volume mesh, compressed."""
+def write(value: VolumeMesh | MeshFields) -> Iterator[bytes]:
+    """Write a volume mesh and the fields on it, compressed."""
+    mesh = value.mesh if isinstance(value, MeshFields) else value
+    fields = value.fields if isinstance(value, MeshFields) else ()
     writer = Writer(KIND)
     grid = SubElement(writer.root, KIND)
     _write_fields(writer, SubElement(grid, "FieldData"), mesh)
     counts = {"NumberOfPoints": str(len(mesh.points)), "NumberOfCells": str(mesh.cells)}
     piece = SubElement(grid, "Piece", counts)
+    if at_nodes := [field for field in fields if field.at == "nodes"]:
+        _write_data(writer, SubElement(piece, "PointData"), at_nodes)
     tags = SubElement(piece, "CellData")
     for name, tag in mesh.cell_tags.items():
         writer.array(tags, name, tag)
+    _write_data(writer, tags, [field for field in fields if field.at == "cells"])
     writer.array(SubElement(piece, "Points"), "Points", mesh.points)
     shapes = [SHAPES[block.shape] for block in mesh.blocks]
     lengths = [len(block.cells) for block in mesh.blocks]
@@ -102,6 +111,16 @@ def _write_fields(writer: Writer, fields: Element, mesh: VolumeMesh) -> None:
     writer.field(fields, "blocks", np.array(rows, dtype=np.int64).reshape(-1, 2))
     for name, part in mesh.parts.items():
         writer.field(fields, f"{part.kind}:{name}", part.members)
+
+
+def _write_data(writer: Writer, parent: Element, fields: Sequence[Field]) -> None:
+    for field in fields:
+        if any(array.get("Name") == field.name for array in parent):
+            refuse("a field", field.name, "a name that no tag of the mesh has")
+        array = writer.array(parent, field.name, field.values)
+        if field.unit:
+            key = {"name": "UNITS_LABEL", "location": "vtkDataArray"}
+            SubElement(array, "InformationKey", key).text = field.unit
 
 
 def _points(document: Document, piece: Element) -> NDArray[np.float64]:
@@ -212,4 +231,6 @@ def _parts(document: Document, fields: dict[str, Element]) -> dict[str, Part]:
     return parts
 
 
-FORMAT = Format("VTK unstructured grid", (".vtu",), VolumeMesh, read, (VolumeMesh,), write)
+FORMAT = Format(
+    "VTK unstructured grid", (".vtu",), VolumeMesh, read, (VolumeMesh, MeshFields), write
+)

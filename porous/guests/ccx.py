@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from porous.errors import GuestError
 from porous.guests.process import run, workplace
+from porous.memory import check_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
-    from pathlib import Path
 
-PROGRAM = "ccx"
+PROGRAM, PACKAGE = "ccx", "calculix-ccx"
+"""The solver, and Debian's package that has it."""
+ERROR = re.compile(r"\*ERROR[^\n]*(?:\n[^\n]*){0,3}")
+VERSION = re.compile(r"^CalculiX Version ([\w.]+)", re.MULTILINE)
+MOST_READ = 1 << 22
+"""Characters of what it printed that are searched for an error."""
 NUMBER = r"[-+]?\d[-+0-9.Ee]*"
 TOTAL = re.compile(
     rf"^ total ([a-z ]+?)(?: \([a-z,]+\))? for set (\S+) and time +({NUMBER})\n\s*\n"
@@ -26,6 +33,7 @@ MODES = re.compile(
     r"E I G E N V A L U E   O U T P U T(.*?)(?:P A R T I C I P A T I O N|\Z)", re.DOTALL
 )
 MODE = re.compile(rf"^ +\d+ +({NUMBER}) +{NUMBER} +({NUMBER}) +{NUMBER}$", re.MULTILINE)
+EXPONENT = re.compile(r"(\d)([-+]\d{3})$")
 FORCE, HEAT, ENERGY, VOLUME = "force", "heat generation", "internal energy", "volume"
 """What totals are of, as CalculiX calls it."""
 
@@ -42,6 +50,14 @@ class Solution(NamedTuple):
     """Natural frequencies, per second; negative where the square of one is."""
     log: str
     """What the solver printed."""
+    fields: bytes = b""
+    """The file .frd that it wrote, where it was asked for."""
+
+    @property
+    def version(self) -> str:
+        """The solver's version as it printed it; empty where it did not."""
+        found = VERSION.search(self.log)
+        return found[1] if found else ""
 
     @property
     def reaction(self) -> tuple[float, ...]:
@@ -71,6 +87,7 @@ def solve(
     program: str = PROGRAM,
     time_limit: float = 600.0,
     watch: Callable[[float], None] | None = None,
+    fields: bool = False,
 ) -> Solution:
     """Solve a deck and return the totals of its steps, or its frequencies.
 
@@ -84,39 +101,91 @@ def solve(
         In seconds.
     watch
         Called with the seconds gone by; raising in it ends the solver.
+    fields
+        Whether the fields that it wrote are wanted too.
 
     Raises
     ------
     GuestError
         Where the solver is absent, fails, takes too long, or prints an error, or no totals
         and no frequencies.
+    MemoryLimitError
+        Where the fields would not fit into memory.
     """
+    check_installed(program)
     with workplace() as folder:
         with (folder / "job.inp").open("wb") as stream:
             stream.writelines([deck] if isinstance(deck, bytes) else deck)
+        log = _run(program, folder, time_limit, watch)
+        solution = _solution(folder / "job.dat", log)
+        return solution._replace(fields=_content(folder / "job.frd")) if fields else solution
+
+
+def check_installed(program: str = PROGRAM) -> None:
+    """Raise ``GuestError`` where there is no such program; say what brings it."""
+    if shutil.which(program) is None:
+        raise GuestError(
+            f"CalculiX is not installed: there is no program {program!r}; on Debian: "
+            f"apt-get install {PACKAGE}"
+        )
+
+
+def _run(
+    program: str, folder: Path, time_limit: float, watch: Callable[[float], None] | None
+) -> str:
+    try:
         said = run(
-            [program, "job"],
+            [_place(program), "job"],
             name="CalculiX",
             folder=folder,
             time_limit=time_limit,
             watch=watch,
         )
-        if "*ERROR" in said.output:
-            lines = said.output[said.output.index("*ERROR") :].splitlines()[:5]
-            raise GuestError("CalculiX reports " + "\n    ".join(lines))
-        return _solution(folder / "job.dat", said.output)
+    except GuestError:
+        with (folder / "guest.out").open(errors="replace") as stream:
+            _check_said(stream.read(MOST_READ))  # what it says of its end says more than how it was
+        raise
+    _check_said(said.output)
+    return said.output
+
+
+def _place(program: str) -> str:
+    """Return where a program is: one that is named by a path is not looked for in the folder."""
+    found = shutil.which(program)
+    return str(Path(found).absolute()) if found else program
+
+
+def _check_said(log: str) -> None:
+    if found := ERROR.search(log):
+        raise GuestError(f"CalculiX reports {' '.join(found[0].split())}")
+
+
+def _content(path: Path) -> bytes:
+    """Return a file's bytes, none where there is no such file."""
+    if not path.is_file():
+        return b""
+    check_memory(path.stat().st_size, "the fields that CalculiX wrote", "Coarsen the mesh.")
+    return path.read_bytes()
 
 
 def _solution(path: Path, log: str) -> Solution:
-    text = path.read_text() if path.exists() else ""
+    text = path.read_text(errors="replace") if path.is_file() else ""
     steps: dict[str, dict[tuple[str, str], tuple[float, ...]]] = {}
     for what, name, when, values in TOTAL.findall(text):
-        steps.setdefault(when, {})[what, name] = tuple(map(float, values.split()))
+        steps.setdefault(when, {})[what, name] = tuple(map(_number, values.split()))
     frequencies = [
-        float(cycles) if float(square) >= 0 else -math.sqrt(-float(square)) / math.tau
+        _number(cycles) if _number(square) >= 0 else -math.sqrt(-_number(square)) / math.tau
         for modes in MODES.findall(text)
         for square, cycles in MODE.findall(modes)
     ]
     if not steps and not frequencies:
         raise GuestError("CalculiX printed no totals and no frequencies; did the deck have a step?")
     return Solution(tuple(steps.values()), tuple(frequencies), log)
+
+
+def _number(text: str) -> float:
+    """Return a number of Fortran's, whose exponents of three digits have no letter."""
+    try:
+        return float(EXPONENT.sub(r"\1E\2", text))
+    except ValueError:
+        raise GuestError(f"CalculiX printed {text!r} where a number belongs") from None

@@ -9,6 +9,7 @@ table of a recipe, a ``SimulationSection`` with ``analysis: Literal["<analysis>"
 from porous.jobs._analyses import prepare, section_of, sections
 from porous.jobs._compression import compression
 from porous.jobs._diffusion import diffusion, effective_diffusivity
+from porous.jobs._effective import effective
 from porous.jobs._flow import flow, permeability
 from porous.jobs._material import material
 from porous.jobs._results import results
@@ -19,6 +20,7 @@ __all__ = [
     "TwoPhaseSection",
     "compression",
     "diffusion",
+    "effective",
     "effective_diffusivity",
     "flow",
     "material",

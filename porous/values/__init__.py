@@ -2,6 +2,7 @@
 
 from porous.values.beams import BeamLattice
 from porous.values.box import Box
+from porous.values.fields import Field, MeshFields
 from porous.values.frame import Frame
 from porous.values.grid import VoxelGrid
 from porous.values.hex_mesh import HexMesh
@@ -20,6 +21,7 @@ __all__ = [
     "BeamLattice",
     "Block",
     "Box",
+    "Field",
     "Frame",
     "Held",
     "HexMesh",
@@ -28,6 +30,7 @@ __all__ = [
     "Material",
     "Measure",
     "Measures",
+    "MeshFields",
     "Part",
     "Pattern",
     "Pressed",

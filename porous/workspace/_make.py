@@ -5,7 +5,6 @@ from __future__ import annotations
 import builtins
 import hashlib
 import json
-import math
 import stat
 from dataclasses import replace
 from importlib.metadata import version
@@ -18,6 +17,7 @@ from porous.recipe import dump, files, load, with_files
 from porous.scale import CHUNK, StoredGrid
 from porous.stages import StreamedSurface
 from porous.values import SurfaceMesh, VoxelGrid
+from porous.workspace._folder import KINDS, RESULTS, as_json, row_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LOG, LAST = "log.json", "measures.json"
 """Times and versions; and what comes last: a folder that has this file is whole."""
 
-KINDS = {"tet4": "tets", "tet10": "tets", "hex8": "hexes", "hex20": "hexes"}
+KIND_OF = {"tet4": "tets", "tet10": "tets", "hex8": "hexes", "hex20": "hexes"}
 """What the files of a volume mesh are called, by the shape of its cells; ``cells`` where they are
 the model's own."""
 
@@ -39,7 +39,8 @@ DECK = ("inp",)
 KNOWN = (
     "grid.vti",
     "surface.stl",
-    *(f"{kind}.{suffix}" for kind in ("tets", "hexes", "cells") for suffix in ("vtu", *DECK)),
+    *(f"{kind}.{suffix}" for kind in KINDS for suffix in ("vtu", *DECK)),
+    *RESULTS,
     "report.html",
     LOG,
 )
@@ -86,7 +87,9 @@ def make(
         local, text = _localised(recipe, stage)
         disk.write_bytes(stage / "recipe.toml", text.encode())
         _finish(replace(result, recipe=local), stage, {"only": only}, progress)
-        disk.commit(stage, folder, last=LAST, stale=_stale(Path(folder), text))
+        # Results of an earlier mesh would stand beside a new one.
+        stale = dict.fromkeys((*_stale(Path(folder), text), *RESULTS))
+        disk.commit(stage, folder, last=LAST, stale=stale)
     return result
 
 
@@ -358,7 +361,7 @@ def write_measures(result: Result, folder: str | Path) -> None:
     """
     with disk.staging(folder) as stage:
         _report(result, stage / "report.html", None)
-        disk.write_bytes(stage / LAST, _json(record(result)))
+        disk.write_bytes(stage / LAST, as_json(record(result)))
         disk.commit(stage, folder, last=LAST, stale=_stale_of(Path(folder)))
 
 
@@ -369,18 +372,9 @@ def record(result: Result) -> dict[str, Any]:
         "recipe": recipe.model_dump(mode="json", exclude_none=True) if recipe else None,
         "recipe_sha256": recipe.sha256 if recipe else None,
         "version": version("porous"),
-        "measures": [_row(measure) for measure in result.measures],
-        "certificate": [_row(row) for row in certificate.rows] if certificate else [],
+        "measures": [row_of(measure) for measure in result.measures],
+        "certificate": [row_of(row) for row in certificate.rows] if certificate else [],
         "notes": list(result.notes),
-    }
-
-
-def _row(value: Any) -> dict[str, Any]:
-    """Return the fields of a flat value; JSON knows no NaN, so what is not finite becomes null."""
-    row = {name: getattr(value, name) for name in value.__dataclass_fields__}
-    return {
-        name: None if isinstance(part, float) and not math.isfinite(part) else part
-        for name, part in row.items()
     }
 
 
@@ -399,10 +393,10 @@ def _finish(
         _write(value, stage / name)
     if asked["only"] is None:
         _report(result, stage / "report.html", progress)
-    disk.write_bytes(stage / LAST, _json(record(result)))
+    disk.write_bytes(stage / LAST, as_json(record(result)))
     if place is not None:
         asked = {**asked, "files": _sums(result, stage, place)}
-    disk.write_bytes(stage / LOG, _json({**asked, **_log(result)}))
+    disk.write_bytes(stage / LOG, as_json({**asked, **_log(result)}))
 
 
 def _sums(result: Result, stage: Path, place: Path) -> dict[str, object]:
@@ -451,7 +445,7 @@ def _artefacts(result: Result) -> Iterator[tuple[str, Any]]:
         yield "surface.stl", result.surface
     if result.volume is not None:
         shape = result.volume.blocks[0].shape
-        kind = "cells" if result.volume.is_of_cells else KINDS[shape]
+        kind = "cells" if result.volume.is_of_cells else KIND_OF[shape]
         yield f"{kind}.vtu", result.volume
         for suffix in _decks(result):
             yield f"{kind}.{suffix}", result.job or result.volume
@@ -502,15 +496,6 @@ def _log(result: Result) -> dict[str, Any]:
     }
 
 
-def rendered(record: dict[str, Any]) -> str:
-    """Return a record as JSON text, the same for the same record."""
-    return json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _json(record: dict[str, Any]) -> bytes:
-    return rendered(record).encode()
-
-
 def _stale(folder: Path, text: str) -> tuple[str, ...]:
     """Return the files of an earlier run that do not belong to this recipe.
 
@@ -539,5 +524,4 @@ def _known() -> tuple[str, ...]:
     from porous.formats import formats
 
     decks = [form.suffix for form in formats() if form.procedures]
-    kinds = ("tets", "hexes", "cells")
-    return (*KNOWN, *(f"{k}{d}" for k in kinds for d in decks if f"{k}{d}" not in KNOWN))
+    return (*KNOWN, *(f"{k}{d}" for k in KINDS for d in decks if f"{k}{d}" not in KNOWN))

@@ -1,0 +1,67 @@
+"""What is measured of a recipe, or of a file, without a folder of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from porous import pipeline, presets
+
+if TYPE_CHECKING:
+    from porous.pipeline import Progress, Result
+    from porous.recipe import Recipe
+
+
+def is_recipe(source: str) -> bool:
+    """Tell whether a preset or a recipe is meant, and no file of another kind."""
+    named = Path(source).suffix in ("", presets.SUFFIX) and not Path(source).is_dir()
+    return source in presets.names() or named
+
+
+def measured(recipe: Recipe, feature: float | None, progress: Progress | None = None) -> Result:
+    """Return the measures of a recipe.
+
+    Parameters
+    ----------
+    recipe
+        Its voxels and surface are made, no volume mesh.
+    feature
+        The smallest that can be printed, in the recipe's unit: asks for the finest level that can.
+    progress
+        As ``run`` takes it.
+
+    Raises
+    ------
+    PorousError
+        As ``run``.
+    """
+    from porous.measures import finest_printable_level
+    from porous.values import Measures
+
+    result = pipeline.run(recipe, only="measures", progress=progress)
+    if feature is None:
+        return result
+    assert result.model is not None
+    level = finest_printable_level(result.model, feature=feature)
+    return replace(result, measures=result.measures + Measures((level,)))
+
+
+def examined(path: str) -> Result:
+    """Return the measures of a file, of a store of voxels, or of the mesh that fields are on.
+
+    Raises
+    ------
+    FormatError
+        Where it cannot be read.
+    PorousError
+        As ``examine``.
+    """
+    from porous.formats import read
+    from porous.scale import StoredGrid
+    from porous.values import MeshFields
+
+    if Path(path).is_dir():
+        return pipeline.examine(StoredGrid.open(path))
+    value = read(path)
+    return pipeline.examine(value.mesh if isinstance(value, MeshFields) else value)  # type: ignore[arg-type]
