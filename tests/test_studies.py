@@ -178,6 +178,23 @@ def assert_voxels_are_fast(rows):
             assert max(ratios) >= float(bound) / 1.5, row
 
 
+def assert_decks_are_fast(rows, elements):
+    """A deck takes no more than twice as long as its numbers alone, and less than two gibibytes."""
+    assert {row["elements"] for row in rows} == {str(elements)}
+    decks = [row for row in rows if row["format"] == ".inp"]
+    assert [row["written_from"] for row in decks] == ["Job", "VolumeMesh"]
+    for row in decks:
+        assert min(float(row["ratio_to_savetxt"]), float(row["core_ratio"])) <= 2, row
+        assert 0 <= float(row["above_the_mesh_mib"]) < float(row["peak_mib"]) < 2048, row
+
+
+def test_decks_of_a_million_voxels_are_written_fast_in_little_memory():
+    rows = rows_of(ANALYSIS / "results" / "11_deck_speed.csv")
+    assert_decks_are_fast(rows, 10**6)
+    assert {row["met"] for row in rows if row["wanted"]} == {"yes"}
+    assert max(float(row["peak_mib"]) for row in rows) < 2048
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "study",
@@ -199,6 +216,7 @@ def test_a_study_runs(study, tmp_path, judge):
         timeout=420,
         check=False,
         env=environment,
+        stdin=subprocess.DEVNULL,
     )
     assert done.returncode == 0, done.stderr
     fresh = rows_of(tmp_path / f"{study.stem}.csv")
@@ -213,6 +231,8 @@ def test_a_study_runs(study, tmp_path, judge):
         assert_meshing_is_fast(fresh)
     if study.stem == "06_voxel_speed":
         assert_voxels_are_fast(fresh)
+    if study.stem == "11_deck_speed":
+        assert_decks_are_fast(fresh, 24**3)
 
 
 def test_bodies_larger_than_memory_come_out_right():
