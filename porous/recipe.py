@@ -375,8 +375,12 @@ def _settled(recipe: Recipe, name: str) -> Recipe:
     voxels = recipe.voxels
     limit = getattr(recipe.model, "level", None) == "limit"
     bare = limit and not getattr(recipe.model, "offset", 0)
-    change: dict[str, object] = {"sampling": voxels.sampling or ("cover" if bare else "fill")}
-    if voxels.voxels is None and voxels.spacing is None:
+    own = getattr(recipe.model, "OWN_LATTICE", False) and not any(
+        (voxels.voxels, voxels.spacing, voxels.per_feature)
+    )
+    usual = "cover" if bare else "centre" if own else "fill"
+    change: dict[str, object] = {"sampling": voxels.sampling or usual}
+    if voxels.voxels is None and voxels.spacing is None and not own:
         if limit:
             raise RecipeError(
                 f'{name}: voxels.per_feature: level = "limit" has no smallest feature to count '

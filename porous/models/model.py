@@ -153,6 +153,23 @@ class HasDoubts(Protocol):
 
 
 @runtime_checkable
+class HasLattice(Protocol):
+    """A model that is made of voxels already."""
+
+    def lattice(self, periodic: tuple[bool, bool, bool] = (False, False, False)) -> Frame:
+        """Return its own voxels: they are sampled where nobody asks for others."""
+
+
+@runtime_checkable
+class HasNotes(Protocol):
+    """A model that was made from something else, and knows how."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was done on the way, for who reads the results."""
+
+
+@runtime_checkable
 class HasFeature(Protocol):
     """A model that may know how small its details are."""
 

@@ -101,7 +101,10 @@ class Work:
         self.filled = ""
 
     def build(self) -> None:
+        from porous.models.model import HasNotes
+
         self.model: Model = self._timed("model", lambda _: build(self.recipe))
+        self.notes += self.model.notes if isinstance(self.model, HasNotes) else ()
 
     def voxelize(self) -> None:
         self.grid = self._timed("voxels", self._voxels)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from porous.errors import GridError
 from porous.memory import available, check_memory
-from porous.models.model import HasFeature
+from porous.models.model import HasFeature, HasLattice
 from porous.stages._sampled import MASK_BYTES, TILE, SampledModel
 from porous.values import Frame, VoxelGrid
 
@@ -36,7 +36,7 @@ def voxelize(
         What is sampled, in its own unit, which the grid takes over.
     voxels
         Number of voxels along the longest edge of the domain; give one of ``voxels``, ``spacing``
-        and ``per_feature``.
+        and ``per_feature``, but for a model that is made of voxels already.
     spacing
         Edge lengths of a voxel, in the model's unit; stretched until they fit the domain.
     per_feature
@@ -98,6 +98,12 @@ def fit_frame(
     GridError
         For no or several resolutions, or one that the model does not have.
     """
+    if isinstance(model, HasLattice) and voxels is None and spacing is None and per_feature is None:
+        if cubic:
+            raise GridError(
+                "cubic: the model's own voxels are as they are; wanted voxels or spacing"
+            )
+        return model.lattice(periodic)
     steps = _spacing(model, voxels, spacing, per_feature)
     return Frame.fit(
         model.domain,
