@@ -201,7 +201,7 @@ def _flow(job: Job, step: Step, poly: PolyMesh) -> Case:
     for patch, held in _by_patch(job, step).items():
         speed[patch], head[patch] = _at(step, patch, held, ratio)
         ends += [patch] if speed[patch] != "type slip;" else []
-    walls = {patch for patch in poly.patches if patch not in speed}
+    walls = [patch for patch in poly.patches if patch not in speed]
     still = dict.fromkeys(walls, "type noSlip;")
     closed = dict.fromkeys(walls, "type zeroGradient;")
     return Case(
@@ -217,7 +217,7 @@ def _flow(job: Job, step: Step, poly: PolyMesh) -> Case:
             "U": ("volVectorField", _field("[0 1 -1 0 0 0 0]", "uniform (0 0 0)", speed | still)),
         },
         "".join(_streams(ends, density)),
-        frozenset(walls | {WALL}),
+        frozenset((*walls, WALL)),
     )
 
 
