@@ -29,10 +29,12 @@ from porous.stages import stream_surface
 from porous.stages._stream_surface import WRITERS
 from porous.values import (
     Block,
+    Field,
     Frame,
     Held,
     Job,
     Material,
+    MeshFields,
     Part,
     Pressed,
     Step,
@@ -257,6 +259,8 @@ def told(code, *, wrapped=()):
         text=True,
         check=False,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "POROUS_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        timeout=3600,
     )
     if done.returncode == 77:
         return None
@@ -401,6 +405,7 @@ EXAMPLES = {
     VoxelGrid: VoxelGrid(Frame((0, 0, 0), (1, 2, 3), SOLID.shape), SOLID),
     SurfaceMesh: SurfaceMesh(TETRAHEDRON, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])),
     VolumeMesh: MESH,
+    MeshFields: MeshFields(MESH, (Field("temperature", np.arange(4.0), "K"),)),
     Job: Job(
         "weight",
         MESH,
@@ -538,7 +543,9 @@ def flips(case, folder, trials, seed, *, of_chunks):
 
 def mounted(options, place):
     command = ["mount", "-t", "tmpfs", *options, "none", place]
-    return not subprocess.run(command, check=False).returncode
+    return not subprocess.run(
+        command, check=False, stdin=subprocess.DEVNULL, timeout=120
+    ).returncode
 
 
 def small_disks(case, place, sizes):
@@ -562,13 +569,18 @@ def small_disks(case, place, sizes):
         struck += raised is not None
         mounted(["-o", "remount,size=64m"], disk_)
         case.check_resumed(folder)
-        subprocess.run(["umount", disk_], check=True)
+        subprocess.run(["umount", disk_], check=True, stdin=subprocess.DEVNULL, timeout=120)
     return {"trials": len(sizes), "struck": struck, "said": said}
 
 
 def room():
     """Return the command that gives a process disks of its own to mount; None where not allowed."""
     unshare = shutil.which("unshare")
-    if not unshare or subprocess.run([unshare, "-m", "true"], check=False).returncode:
+    if (
+        not unshare
+        or subprocess.run(
+            [unshare, "-m", "true"], check=False, stdin=subprocess.DEVNULL, timeout=120
+        ).returncode
+    ):
         return None
     return (unshare, "-m")
