@@ -89,9 +89,9 @@ def test_a_volume_mesh_with_other_cells_has_no_hexahedral_mesh():
 # --- files that Gmsh made ----------------------------------------------------------------------
 
 GMSH = Path(__file__).parent / "gmsh"
-BENT = ("hexahedra-20.msh", "hexahedra-20.inp", "hexahedra-27.msh")
+BENT = ("hexahedra-20.msh", "hexahedra-27.msh")
 STRAIGHT = ("text-2.msh", "binary-2.msh", "text-4.msh", "binary-4.msh", "parametric-4.msh")
-STRAIGHT += ("groups.msh", "bricks.inp")
+STRAIGHT += ("groups.msh", "bricks.inp", "hexahedra-20.inp")
 
 
 def expected_bricks():
@@ -112,6 +112,7 @@ def found_bricks(mesh):
 
 @pytest.mark.parametrize("name", STRAIGHT + BENT)
 @pytest.mark.filterwarnings("ignore:.*are read by their corners:porous.errors.FormatWarning")
+@pytest.mark.filterwarnings("ignore:.*1 parts select nothing.*X_MIN$:porous.errors.FormatWarning")
 def test_bricks_of_gmsh(name):
     volume = formats.read(GMSH / name)
     mesh = HexMesh.of_volume(volume)
@@ -195,7 +196,7 @@ def test_curved_hexahedra_of_meshio(tmp_path, name, nodes):
     points = np.concatenate([CORNERS * [1.0, 2, 3], rng.uniform(0, 1, (nodes - 8, 3))])
     cells = [(f"hexahedron{nodes}", np.arange(nodes)[None])]
     meshio.Mesh(points, cells).write(tmp_path / f"theirs{suffix}", **options)
-    if (suffix, nodes) == (".vtu", 20):
+    if nodes == 20 and suffix != ".msh":
         mesh = formats.read(tmp_path / f"theirs{suffix}")
         assert mesh.blocks == (Block("hex20", np.arange(20)[None]),)
         ours = HexMesh.of_volume(mesh)
