@@ -24,6 +24,12 @@ def energy(job):
     Tetrahedra are linear. Hexahedra are trilinear, of any shape, and integrated in 2 × 2 × 2
     points, wedges linear times linear and in 1 × 2, as CalculiX has them.
     """
+    u, f = solved(job)
+    return 0.5 * u @ f, -f.reshape(-1, 3).sum(axis=0)
+
+
+def solved(job):
+    """Return displacements and forces of a job's step, three for each node."""
     mesh = job.mesh
     points = np.ascontiguousarray(mesh.points.T)
     E, nu = job.materials["SOLID"].youngs_modulus, job.materials["SOLID"].poissons_ratio
@@ -46,8 +52,7 @@ def energy(job):
     for nodes, areas in loaded(job):
         f[3 * nodes[:, None] + np.arange(3)] -= job.steps[0].pressed[0].pressure * areas
     held = (3 * mesh.parts[job.steps[0].held[0].part].members[:, None] + np.arange(3)).ravel()
-    u = skfem.solve(*skfem.condense(K, f, D=held))
-    return 0.5 * u @ f, -f.reshape(-1, 3).sum(axis=0)
+    return skfem.solve(*skfem.condense(K, f, D=held)), f
 
 
 CURVED = {
