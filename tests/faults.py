@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -28,6 +29,7 @@ from porous.scale import Store
 from porous.stages import stream_surface
 from porous.stages._stream_surface import WRITERS
 from porous.values import (
+    BeamLattice,
     Block,
     Field,
     Frame,
@@ -406,6 +408,7 @@ EXAMPLES = {
     SurfaceMesh: SurfaceMesh(TETRAHEDRON, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])),
     VolumeMesh: MESH,
     MeshFields: MeshFields(MESH, (Field("temperature", np.arange(4.0), "K"),)),
+    BeamLattice: BeamLattice(TETRAHEDRON, [[0, 1], [3, 2]], [[0.1, 0.2], [0.3, 0.1]]),
     Job: Job(
         "weight",
         MESH,
@@ -423,19 +426,35 @@ EXAMPLES = {
 """One of each type that there are writers for."""
 
 
+def example(form, kind):
+    """Return what a format is given; a job without its step where there is no writing of it."""
+    value = EXAMPLES[kind]
+    if kind is Job and "static" not in form.procedures:
+        return replace(value, steps=())
+    return value
+
+
 def writers():
-    """Return every writer of a file there is: by name, its suffix and a function of a path.
+    """Return every writer there is: by name, its suffix, a function of a path, and its faults.
 
     Those that are registered, so that a new format is among them on the day it is registered, and
     those that take a surface piece by piece.
     """
     registered = {
-        f"{form.suffix} of a {kind.__name__}": (form.suffix, partial(write, EXAMPLES[kind]))
+        f"{form.suffix} of a {kind.__name__}": (
+            form.suffix,
+            partial(write, example(form, kind)),
+            faults_of_files if form.write_files else faults_of_writer,
+        )
         for form in formats()
         for kind in form.writes
     }
     streamed = {
-        f"{suffix}, streamed": (suffix, partial(stream_surface, EXAMPLES[VoxelGrid]))
+        f"{suffix}, streamed": (
+            suffix,
+            partial(stream_surface, EXAMPLES[VoxelGrid]),
+            faults_of_writer,
+        )
         for suffix in WRITERS
     }
     return registered | streamed
@@ -471,6 +490,39 @@ def faults_of_writer(write, path, code, *, persistent):
 
 WRITES = ("write", "fsync", "replace", "mkdir")
 """What makes files: engines ask the disk about their own files, and do so in their own way."""
+
+
+def faults_of_files(write, path, code, *, persistent):
+    """Fail at every call of a writer of several files, or of a folder of them; return a row.
+
+    The one of the name that was given is there where all are; a folder is there whole or not.
+    """
+    place = path.parent
+    beside = place / "beside"
+
+    def make(act):
+        bare(place).mkdir()
+        beside.write_bytes(b"somebody else's")
+        with calls(act, WRITES):
+            write(path)
+
+    names = []
+    make(noting(names))
+    new, is_folder = contents(place), path.is_dir()
+    struck = 0
+    for number in range(1, len(names) + 1):
+        raised = None
+        try:
+            make(failing(number, code, persistent=persistent))
+        except DiskError as error:
+            raised = error
+        found = contents(place)
+        assert found == new if path.exists() else raised
+        assert path.exists() or not is_folder or list(found) == ["beside"]
+        assert found["beside"] == new["beside"]
+        assert not [file for file in place.iterdir() if file.name.startswith(disk.TEMPORARY)]
+        struck += raised is not None
+    return {"trials": len(names), "struck": struck}
 
 
 def faults_of_folder(make, folder, last, code, *, persistent):

@@ -188,16 +188,16 @@ def test_the_study_held_in_full():
 
 @pytest.mark.parametrize("name", faults.writers())
 def test_every_writer_leaves_the_old_file_or_the_new_one(base, name):
-    suffix, write = faults.writers()[name]
+    suffix, write, fail = faults.writers()[name]
     place = bare(base / "file")
     place.mkdir()
-    found = faults.faults_of_writer(write, place / f"x{suffix}", "EIO", persistent=False)
+    found = fail(write, place / f"x{suffix}", "EIO", persistent=False)
     assert found["struck"] >= 6
 
 
 def test_there_is_an_example_for_every_format():
     names = faults.writers()
     for form in po_formats.formats():
-        assert not form.write or form.writes
+        assert not (form.write or form.write_files) or form.writes
         assert all(f"{form.suffix} of a {kind.__name__}" in names for kind in form.writes)
     assert {".stl, streamed", ".ply, streamed"} <= set(names)
