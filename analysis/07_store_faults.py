@@ -215,13 +215,13 @@ def writers(base):
     """Every writer of files there is, each by an example of what it takes, and whole folders."""
     import porous as po
 
-    for name, (suffix, write) in faults.writers().items():
+    for name, (suffix, write, fail) in faults.writers().items():
         total = {"trials": 0, "struck": 0}
         for code, persistent in ERRORS:
             place = faults.bare(base / "file")
             place.mkdir()
             path = place / f"x{suffix}"
-            found = faults.faults_of_writer(write, path, code, persistent=persistent)
+            found = fail(write, path, code, persistent=persistent)
             total = {key: total[key] + found[key] for key in total}
         demanded = "old file or new, whole; short writes the same"
         yield row(f"{len(ERRORS)} errors at every call, {name}", demanded, total)
