@@ -21,8 +21,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
     BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Field,
     InstanceOf,
     SerializeAsAny,
@@ -34,7 +32,7 @@ import porous.models
 from porous import jobs, presets
 from porous.errors import RecipeError, nearest
 from porous.jobs import SimulationSection  # noqa: TC001  (pydantic reads it)
-from porous.models.sections import BoxSection
+from porous.models.sections import BoxSection, CleanSection, Section, Spacing
 from porous.toml import parse_value, read_table, render_table, shown
 
 if TYPE_CHECKING:
@@ -48,25 +46,6 @@ ALTERNATIVES = (
     ("model.cell", "model.states"),
 )
 """Keys of which a recipe has one: setting one removes the others."""
-
-
-class Section(BaseModel):
-    """A table of a recipe: frozen, strict about types, no unknown keys, no NaN."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-def _triple(value: object) -> object:
-    return (value, value, value) if isinstance(value, int | float) else value
-
-
-Spacing = Annotated[
-    tuple[
-        Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]
-    ],
-    BeforeValidator(_triple),
-    Field(strict=False),
-]
 
 
 class VoxelsSection(Section):
@@ -204,6 +183,7 @@ class Recipe(Section):
     seed: int = Field(default=0, ge=0, description="a whole number, zero or more")
     model: SerializeAsAny[InstanceOf[BaseModel]] = Field(description="a table [model]")
     voxels: VoxelsSection = Field(default=VoxelsSection(), description="a table [voxels]")
+    clean: CleanSection | None = Field(default=None, description="a table [clean]")
     surface: SurfaceSection = Field(default=SurfaceSection(), description="a table [surface]")
     volume: VolumeSection = Field(default=VolumeSection(), description="a table [volume]")
     simulation: SerializeAsAny[InstanceOf[SimulationSection]] | None = Field(
@@ -212,6 +192,16 @@ class Recipe(Section):
     expect: dict[str, Expected] = Field(
         default_factory=dict, description="a table [expect] of measures"
     )
+
+    @model_validator(mode="after")
+    def _is_of_voxels(self) -> Recipe:
+        for where, method in (("surface", self.surface.method), ("volume", self.volume.method)):
+            if self.clean is not None and method in ("exact", "cells"):
+                raise ValueError(
+                    f'clean: cleans voxels, and {where}.method = "{method}" is of the model; '
+                    'wanted "auto" there'
+                )
+        return self
 
     @property
     def phase(self) -> str:

@@ -16,11 +16,11 @@ from pathlib import Path  # noqa: TC003  (pydantic reads it)
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from porous.errors import FormatWarning, ModelError
 from porous.memory import check_memory
-from porous.models.sections import Section
+from porous.models.sections import Section, Spacing
 from porous.models.threshold import Levels, levels_of, otsu, within
 from porous.values import Box, Frame
 from porous.values.image import Image
@@ -315,12 +315,6 @@ def _times(shape: Sequence[int]) -> str:
 # --- the recipe's section ----------------------------------------------------------------------
 
 
-def _triple(value: object) -> object:
-    return (value, value, value) if isinstance(value, int | float) else value
-
-
-Length = Annotated[float, Field(gt=0)]
-Spacing = Annotated[tuple[Length, Length, Length], BeforeValidator(_triple), Field(strict=False)]
 Index = Annotated[int, Field(ge=0)]
 Corner = Annotated[tuple[Index, Index, Index], Field(strict=False)]
 

@@ -1,12 +1,12 @@
-"""Tables that the sections of several kinds of models are made of."""
+"""Tables and values that several sections of a recipe are made of, and what stands for a stage."""
 
 from __future__ import annotations
 
 from pathlib import Path  # noqa: TC003  (pydantic reads it)
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from porous.errors import ModelError, nearest
 from porous.models import digits as digit_sets
@@ -24,6 +24,30 @@ Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 Matrix = Annotated[tuple[Triple, Triple, Triple], Field(strict=False)]
 Place = Annotated[int, Field(ge=0, lt=digit_sets.LARGEST)]
 Digit = Annotated[tuple[Place, Place, Place], Field(strict=False)]
+
+
+def _triple(value: object) -> object:
+    return (value, value, value) if isinstance(value, int | float) else value
+
+
+Length = Annotated[float, Field(gt=0)]
+Spacing = Annotated[tuple[Length, Length, Length], BeforeValidator(_triple), Field(strict=False)]
+Voxels = Annotated[int, Field(ge=1)]
+
+
+class CleanSection(Section):
+    """What is mended of the voxels before anything is made of them."""
+
+    islands: Literal["all but the largest"] | Voxels | None = Field(
+        default=None,
+        description='"all but the largest", or a number of voxels: which pieces of solid go, all '
+        "others or those of fewer voxels",
+    )
+    closed_pores: Literal["fill"] | Voxels | None = Field(
+        default=None,
+        description='"fill", or a number of voxels: which pores that nothing reaches are filled, '
+        "all or those of fewer voxels",
+    )
 
 
 class SizeSection(Section):

@@ -108,6 +108,7 @@ def check_stored(recipe: Recipe) -> None:
     """Raise ``RecipeError`` where a recipe asks for what is done in memory only."""
     how = recipe.surface
     asked = {
+        "clean": (recipe.clean and "a table", recipe.clean is None, "none"),
         "surface.smooth": (how.smooth, not how.smooth, "0"),
         "surface.volume": (how.volume, how.volume == "own", '"own"'),
         "surface.simplify": (how.simplify, how.simplify == 1, "1"),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from porous.certificate import Certificate
     from porous.measures import Census, Journal
     from porous.models.model import Model
+    from porous.models.sections import CleanSection
     from porous.recipe import Recipe
     from porous.scale import StoredGrid
     from porous.stages import StreamedSurface
@@ -97,7 +98,7 @@ class Work:
         self.job: Job | None = None
         self.measures = Measures()
         self.certificate: Certificate | None = None
-        self.is_exact = False
+        self.is_exact = self.is_cleaned = False
         self.filled = ""
 
     def build(self) -> None:
@@ -113,6 +114,19 @@ class Work:
                 "the voxels cover the set: volume, area and topology are those of its cover, not "
                 "of the set itself; an offset makes material of it"
             )
+        if self.recipe.clean is not None:
+            self._clean(self.recipe.clean)
+
+    def _clean(self, how: CleanSection) -> None:
+        from porous.stages import clean
+
+        assert isinstance(self.grid, VoxelGrid)
+        given, wanted = self.grid, {"islands": how.islands, "closed_pores": how.closed_pores}
+        made = self._timed("clean", lambda report: clean(given, **wanted, progress=report))
+        self.grid, self.is_cleaned = made.grid, made.is_changed
+        self.notes += map(str, made.steps)
+        if self.is_cleaned:
+            self.notes.append("all measures are of the cleaned voxels, and of what is made of them")
 
     def _voxels(self, progress: Progress | None) -> VoxelGrid | StoredGrid:
         from porous.stages import voxelize
@@ -205,9 +219,9 @@ class Work:
 
     @property
     def _is_whole(self) -> bool:
-        """Whether the model alone is the body, not voxels that touch it or a tile of many."""
+        """Whether the model alone is the body: no voxels that touch it or are mended, no tile."""
         how = self.recipe.voxels
-        return how.sampling != "cover" and not any(how.periodic)
+        return how.sampling != "cover" and not any(how.periodic) and self.recipe.clean is None
 
     def fill_volume(self) -> None:
         method = self.recipe.volume.method
@@ -373,7 +387,8 @@ class Work:
         altered = self.surface is not None and any(self.surface.altered)
         of_filled = of_grid if altered else of_surface
         of_volume = {"cells": of_model, "surface": of_filled, "grid": of_grid}
-        yield self.model, {"grid": of_grid["grid"]}
+        # What is known of the model is not of what it was cleaned to.
+        yield None if self.is_cleaned else self.model, {"grid": of_grid["grid"]}
         yield of_grid["grid"], of_model
         yield self.surface or self.streamed, of_surface
         yield self.volume, of_volume.get(self.filled, {})

@@ -22,6 +22,7 @@ from porous.scale.store import CHUNK
 from porous.scale.stored_grid import KEPT
 from porous.scale.trial import Trial, try_out
 from porous.stages import SampledModel, fit_frame
+from porous.stages._clean import BYTES as CLEAN_BYTES
 from porous.stages._sampled import MASK_BYTES, TILE
 from porous.stages._simplify import BYTES as SIMPLIFY_BYTES
 from porous.stages._smooth import BYTES as SMOOTH_BYTES
@@ -70,6 +71,7 @@ class Rate(NamedTuple):
 RATES: dict[str, Rate] = {
     # Peaks of the resident set and times stage by stage, on two cores at 2.5 GHz shared with
     # others: Menger of levels 3 to 5 at 81³ … 486³, Koch, Sierpinski, a fern, bent cells.
+    "cleaned": Rate(work=CLEAN_BYTES, seconds=30e-9),  # a voxel
     "marching cubes": Rate(work=44, kept=44, seconds=0.3e-6),  # a triangle
     "exact boundary": Rate(work=700, kept=60, seconds=1e-4),  # a triangle
     "boundary of cells": Rate(work=400, kept=250, seconds=1e-5),  # a triangle
@@ -153,6 +155,8 @@ class Work:
             return tuple(self.made)
         if self.frame is not None:
             self._stored_voxels() if self.stored else self._voxels()
+            if self.recipe.clean is not None:
+                self._add("clean", ("cleaned", self.size))
         if self.needs_surface:
             self._stored_surface() if self.streams else self._surface()
         if self.volume:
@@ -167,9 +171,9 @@ class Work:
 
     @cached_property
     def is_whole(self) -> bool:
-        """Whether the model alone is the body, not voxels that touch it or a tile of many."""
+        """Whether the model alone is the body: no voxels that touch it or are mended, no tile."""
         how = self.recipe.voxels
-        return how.sampling != "cover" and not any(how.periodic)
+        return how.sampling != "cover" and not any(how.periodic) and self.recipe.clean is None
 
     @cached_property
     def cells(self) -> int:

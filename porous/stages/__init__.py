@@ -2,6 +2,7 @@
 
 from porous.stages._beams import beams
 from porous.stages._branches import branches
+from porous.stages._clean import Cleaned, CleanStep, clean
 from porous.stages._exact_surface import exact_surface
 from porous.stages._extract_surface import extract_surface
 from porous.stages._hexahedralize import hexahedralize
@@ -20,11 +21,14 @@ from porous.stages._voxelize import fit_frame, voxelize
 from porous.stages._warp import warp_grid, warp_mesh
 
 __all__ = [
+    "CleanStep",
+    "Cleaned",
     "Finer",
     "SampledModel",
     "StreamedSurface",
     "beams",
     "branches",
+    "clean",
     "exact_surface",
     "extract_surface",
     "fit_frame",
