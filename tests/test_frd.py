@@ -32,7 +32,7 @@ from porous.values import (
 SIX = 2e-5
 """Numbers have six digits."""
 FOUR = 1e-4
-"""What is carried from points of integration to nodes is so by factors of four digits (2.549, …)."""
+"""What is carried from points of integration to nodes is so by factors of four digits: 2.549 …"""
 
 
 def block(shape=(2, 3, 4), spacing=(1.0, 0.5, 0.25)):
