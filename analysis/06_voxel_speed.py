@@ -570,7 +570,12 @@ def porespy():
 
     python = os.environ.get("POROUS_PORESPY", sys.executable)
     done = subprocess.run(
-        [python, "-c", PORESPY], capture_output=True, text=True, timeout=120, check=False
+        [python, "-c", PORESPY],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        stdin=subprocess.DEVNULL,
     )
     return json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 else None
 

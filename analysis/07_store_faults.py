@@ -321,7 +321,15 @@ def rows_of(part):
     """Return what a part finds, in a process of its own."""
     command = [sys.executable, __file__]
     environment = {**os.environ, "POROUS_PART": part}
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        stdin=subprocess.DEVNULL,
+        timeout=7200,
+    )
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     for found in rows:
         print(" ".join(f"{value}" for value in found.values()), flush=True)

@@ -1,10 +1,10 @@
 """CalculiX as a judge of decks: what it counts in sets, and what volumes and areas it finds."""
 
 import re
-import subprocess
 
 import meshio
 import numpy as np
+from programs import said
 
 SHAPES = {"tetra": "tet4", "tetra10": "tet10", "wedge": "wed6"}
 SHAPES |= {"hexahedron": "hex8", "hexahedron20": "hex20"}
@@ -44,21 +44,8 @@ def check_deck(program, path, *, every, held):
     before, end, after = text.rpartition("*END STEP")
     judged = path.with_name(f"{path.stem}-judged.inp")
     judged.write_text(before + asked + end + after, "ascii")
-    log = path.with_suffix(".log")
-    with log.open("wb") as output:
-        done = subprocess.run(
-            [program, "-i", judged.stem],
-            cwd=path.parent,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            timeout=60,
-            check=False,
-        )
-    with log.open(encoding="utf-8", errors="replace") as stream:
-        said = stream.read(2**20)
-    assert done.returncode == 0, said[-2000:]
-    assert "*ERROR" not in said, said[-2000:]
+    log, _ = said([program, "-i", judged.stem], path.parent)
+    assert "*ERROR" not in log, log[-2000:]
     return counted(path) | printed(judged.with_suffix(".dat").read_text(), names, every)
 
 

@@ -3,12 +3,14 @@
 import json
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from programs import said
+
+from porous.errors import GuestError
 
 settings.register_profile(
     "porous",
@@ -39,28 +41,21 @@ def ask(tmp_path_factory):
     """Return what runs a script of ``tests/judges`` and gives back the JSON that it prints.
 
     Judges are libraries of others that read what we write. They run in a process of their own, in
-    the environment whose Python ``POROUS_JUDGES`` names (else in ours), with a time limit and no
-    standard input. One that is not installed skips; in CI it fails.
+    the environment whose Python ``POROUS_JUDGES`` names (else in ours), with a time limit, no
+    standard input and a cap on what they print. One that is not installed skips; in CI it fails.
     """
 
     def run(script: str, *arguments: object, seconds: float = 120.0):
-        said = tmp_path_factory.mktemp("judge") / "said.json"
         python = os.environ.get("POROUS_JUDGES", sys.executable)
         path = Path(__file__).parent / "judges" / f"{script}.py"
-        with said.open("wb") as output:
-            done = subprocess.run(
-                [python, path, *map(str, arguments)],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.PIPE,
-                timeout=seconds,
-                check=False,
+        try:
+            printed, _ = said(
+                [python, path, *arguments], tmp_path_factory.mktemp("judge"), seconds=seconds
             )
-        errors = done.stderr[-2000:].decode(errors="replace")
-        if done.returncode and "ModuleNotFoundError" in errors:
-            (pytest.fail if os.environ.get("CI") else pytest.skip)(errors.splitlines()[-1])
-        assert done.returncode == 0, errors
-        assert said.stat().st_size < 2**26
-        return json.loads(said.read_text())
+        except GuestError as error:
+            if "ModuleNotFoundError" in str(error):
+                (pytest.fail if os.environ.get("CI") else pytest.skip)(f"{script}: {error}")
+            raise
+        return json.loads(printed)
 
     return run

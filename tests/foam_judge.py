@@ -2,8 +2,9 @@
 
 import os
 import re
-import subprocess
 from pathlib import Path
+
+from programs import said
 
 PLACE = "/usr/share/openfoam"
 NUMBER = r"([-+\d.e]+)"
@@ -11,23 +12,10 @@ SHAPES = {"hexahedra": "hex8", "prisms": "wed6", "tetrahedra": "tet4"}
 
 
 def openfoam(program, folder, *arguments, seconds=60.0):
-    """Run a program of OpenFOAM on a case, and return what it printed, at most 4 MiB."""
-    environment = {"WM_PROJECT_DIR": PLACE, **os.environ}
-    log = Path(folder) / f"log.{Path(program).name}"
-    with log.open("wb") as output:
-        done = subprocess.run(
-            [program, "-case", str(folder), *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            timeout=seconds,
-            check=False,
-        )
-    with log.open(encoding="utf-8", errors="replace") as stream:
-        said = stream.read(2**22)
-    assert done.returncode == 0, said[-2000:]
-    return said
+    """Run a program of OpenFOAM on a case, and return what it printed."""
+    place = {"WM_PROJECT_DIR": os.environ.get("WM_PROJECT_DIR", PLACE)}
+    command = [program, "-case", Path(folder).resolve(), *arguments]
+    return "".join(said(command, seconds=seconds, environment=place))
 
 
 def check_mesh(program, folder, *, thorough=True):
@@ -39,28 +27,28 @@ def check_mesh(program, folder, *, thorough=True):
     it printed.
     """
     options = ("-allGeometry", "-allTopology") if thorough else ()
-    said = openfoam(program, folder, *options, "-constant")
-    count = dict(re.findall(r"^    (\w[\w ]*): +(\d+)$", said, re.M))
+    log = openfoam(program, folder, *options, "-constant")
+    count = dict(re.findall(r"^    (\w[\w ]*): +(\d+)$", log, re.M))
     kinds = {shape: int(count[name]) for name, shape in SHAPES.items() if int(count[name])}
     others = sum(int(count[name]) for name in ("wedges", "pyramids", "tet wedges", "polyhedra"))
     return {
-        "ok": "\nMesh OK." in said,
+        "ok": "\nMesh OK." in log,
         "nodes": int(count["points"]),
         "elements": kinds | ({"others": others} if others else {}),
-        "volume": after(said, rf"Total volume = {NUMBER}\.  Cell"),
-        "regions": after(said, r"Number of regions: (\d+)"),
-        "non_orthogonality": after(said, rf"non-orthogonality Max: {NUMBER}"),
+        "volume": after(log, rf"Total volume = {NUMBER}\.  Cell"),
+        "regions": after(log, r"Number of regions: (\d+)"),
+        "non_orthogonality": after(log, rf"non-orthogonality Max: {NUMBER}"),
         "patches": patches(folder),
         "face_sets": zones(folder, "face"),
         "cell_sets": zones(folder, "cell"),
         "node_sets": zones(folder, "point"),
-        "said": said,
+        "said": log,
     }
 
 
-def after(said, pattern):
+def after(log, pattern):
     """Return the number that follows a phrase; NaN where it was not said."""
-    found = re.search(pattern, said)
+    found = re.search(pattern, log)
     return float(found[1]) if found else float("nan")
 
 

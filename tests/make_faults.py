@@ -253,7 +253,7 @@ def porous(*arguments):
     """Run the command line; return exit code and what it says to standard error."""
     command = [sys.executable, "-m", "porous", *map(str, arguments)]
     done = subprocess.run(
-        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=600
     )
     return done.returncode, done.stderr
 
@@ -285,5 +285,5 @@ def command_on_small_disks(case, place, sizes):
         code, text = porous("resume", folder) if begun else made(folder)
         assert code == 0, text
         assert case.lasting(folder) == case.bytes
-        subprocess.run(["umount", disk_], check=True)
+        subprocess.run(["umount", disk_], check=True, stdin=subprocess.DEVNULL, timeout=120)
     return {"trials": len(sizes), "said": said}

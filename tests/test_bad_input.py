@@ -254,6 +254,7 @@ def porous(*argv: str, folder: Path, **how) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-m", "porous", *argv],
         cwd=folder,
+        stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

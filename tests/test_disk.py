@@ -286,7 +286,9 @@ def test_a_file_that_outgrows_its_limit(tmp_path, name):
     target = tmp_path / name
     target.write_bytes(OLD)
     command = [sys.executable, "-c", FULL.format(limit=limit), target]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, timeout=120
+    )
     assert (done.returncode, done.stderr) == (1, "")
     assert done.stdout == f"{target}: cannot be written: file too large (after 20000 bytes)\n"
     assert names_in(tmp_path) == [name]
@@ -304,11 +306,18 @@ exit $code
 
 def test_a_full_disk(tmp_path):
     unshare = shutil.which("unshare")
-    if not unshare or subprocess.run([unshare, "-m", "true"], check=False).returncode:
+    if (
+        not unshare
+        or subprocess.run(
+            [unshare, "-m", "true"], check=False, stdin=subprocess.DEVNULL, timeout=120
+        ).returncode
+    ):
         pytest.skip("this user may not mount a small disk")
     program = FULL.format(limit="")
     command = [unshare, "-m", "sh", "-c", SMALL_DISK, "sh", tmp_path, sys.executable, program]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, timeout=120
+    )
     if done.returncode == 77:
         pytest.skip("this user may not mount a small disk")
     said = f"{tmp_path / 'grid.vti'}: cannot be written: no space left on device"

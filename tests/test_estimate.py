@@ -266,7 +266,12 @@ def peak_of(preset, change, small, only):
     """Return by how much the resident set grows at most, beyond that of a small run."""
     case = json.dumps([preset, change, small, only])
     run = subprocess.run(
-        [sys.executable, "-c", PEAK, case], capture_output=True, text=True, check=True
+        [sys.executable, "-c", PEAK, case],
+        capture_output=True,
+        text=True,
+        check=True,
+        stdin=subprocess.DEVNULL,
+        timeout=300,
     )
     return int(run.stdout.split()[-1])
 
@@ -352,7 +357,14 @@ print(json.dumps([peak() - before, disk]))
 def test_the_peak_out_of_core_stays_below_what_is_said():
     recipe = load("koch-cube", set={"voxels.voxels": 600})
     said = estimate(recipe, only="measures", out_of_core=True)
-    run = subprocess.run([sys.executable, "-c", STORED], capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", STORED],
+        capture_output=True,
+        text=True,
+        check=True,
+        stdin=subprocess.DEVNULL,
+        timeout=300,
+    )
     memory_, disk = json.loads(run.stdout.splitlines()[-1])
     assert memory_ <= said.memory <= 4 * memory_
     assert disk <= said.disk <= 4 * disk

@@ -12,6 +12,7 @@ from pathlib import Path
 import hypothesis.extra.numpy as hnp
 import meshio
 import numpy as np
+import programs
 import pytest
 import trimesh
 from hypothesis import given, settings
@@ -194,7 +195,12 @@ heavy = {"scipy", "skimage", "numba", "pyvista", "vtk", "pydantic", "pytetwild",
 print(json.dumps([first, sorted(heavy & set(sys.modules))]))
 """
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        stdin=subprocess.DEVNULL,
+        timeout=120,
     )
     first, heavy = json.loads(done.stdout)
     assert first == ["porous.formats._registry", "porous.formats.gate"]
@@ -328,7 +334,7 @@ formats.write(VoxelGrid(Frame((0, 0, 0), (1, 2, 3), fill.shape), fill), sys.argv
 """
     for threads in ("1", "all"):
         command = [sys.executable, "-c", program, folder / f"{threads}.vti", threads]
-        subprocess.run(command, check=True)
+        subprocess.run(command, check=True, stdin=subprocess.DEVNULL, timeout=120)
     assert (folder / "1.vti").read_bytes() == (folder / "all.vti").read_bytes()
 
 
@@ -607,8 +613,7 @@ def test_we_read_the_surfaces_of_meshio(folder, suffix, options):
 
 def test_admesh_finds_nothing_to_mend_in_our_stl(folder, judge):
     formats.write(ball(shift=(1000, 2000, 3000), scale=(0.1, 0.2, 0.3)), folder / "judged.stl")
-    command = [judge("admesh"), folder / "judged.stl"]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    said, _ = programs.said([judge("admesh"), folder / "judged.stl"])
     assert re.search(r"Number of parts\s*:\s*1\s+Volume\s*:\s*0\.02", said)
     for fault in ("Degenerate facets", "Edges fixed", "Facets reversed", "Normals fixed"):
         assert re.search(rf"{fault}\s*:\s*0\b", said), said

@@ -1006,6 +1006,8 @@ def test_many_hostile_files_in_little_address_space(folder):
         capture_output=True,
         text=True,
         check=False,
+        stdin=subprocess.DEVNULL,
+        timeout=120,
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"{len(CASES)}\n"  # each file was opened once, and no other

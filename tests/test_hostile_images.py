@@ -545,6 +545,7 @@ def test_no_file_is_opened_but_those_that_are_named(tmp_path):
         text=True,
         check=False,
         timeout=120,
+        stdin=subprocess.DEVNULL,
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert int(done.stdout) >= len(cases)

@@ -21,7 +21,12 @@ def loaded(code: str) -> set[str]:
     """Return the top-level modules that are there after some code has run."""
     tell = "import sys, json; print(json.dumps(sorted({n.split('.')[0] for n in sys.modules})))"
     done = subprocess.run(
-        [sys.executable, "-c", f"{code}\n{tell}"], capture_output=True, text=True, check=True
+        [sys.executable, "-c", f"{code}\n{tell}"],
+        capture_output=True,
+        text=True,
+        check=True,
+        stdin=subprocess.DEVNULL,
+        timeout=120,
     )
     return set(json.loads(done.stdout.splitlines()[-1]))
 

@@ -3,7 +3,6 @@
 import itertools
 import pickle
 import re
-import subprocess
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,6 +11,7 @@ import macro_meshes as meshes
 import meshio
 import naive_elasticity
 import numpy as np
+import programs
 import pytest
 
 import porous as po
@@ -662,7 +662,7 @@ def test_a_coarse_mesh_of_others_is_filled_and_runs(kind, tmp_path, monkeypatch,
     assert set(np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)[1]) == {2}
     assert len(np.unique(edges, axis=0)) == len(edges)
 
-    subprocess.run([judge("ccx"), "-i", "out/cells"], check=True, capture_output=True)
+    programs.said([judge("ccx"), "-i", "out/cells"], ".")
     said = Path("out/cells.dat").read_text()
     force = np.array(re.search(r"total force.*?\n\s*\n" + 3 * r"\s*(\S+)", said).groups(), float)
     corners = made.points[skin]

@@ -109,7 +109,12 @@ except MemoryLimitError as error:
     print(error)
 """
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        stdin=subprocess.DEVNULL,
+        timeout=120,
     )
     assert done.stdout.startswith("it would need 85.8 MiB of memory; ")
 

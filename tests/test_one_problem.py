@@ -4,14 +4,13 @@ u = 1 on XMIN, 0 on XMAX, no flux elsewhere, conductivity 1: the energy ∫|∇u
 flows. Linear tetrahedra give every finite element code the same matrix, so the digits must agree.
 """
 
-import os
 import re
-import subprocess
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import skfem
+from programs import said
 from skfem.helpers import dot, grad
 
 import porous as po
@@ -94,17 +93,7 @@ def energy(mesh):
 
 
 def run(folder, *command, **environment):
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        timeout=120,
-        check=False,
-        env={**os.environ, **environment},
-    )
-    assert done.returncode == 0, done.stdout[-2000:].decode(errors="replace")
-    return done.stdout[: 2**24].decode(errors="replace")
+    return said(command, folder, seconds=120, environment=environment)[0]
 
 
 def test_getdp(sponge, judge, tmp_path):
@@ -121,10 +110,10 @@ def test_freefem(sponge, judge, tmp_path):
     po.write(sponge.mesh, tmp_path / "sponge.msh2")
     (tmp_path / "sponge.msh2").rename(tmp_path / "sponge.msh")
     (tmp_path / "heat.edp").write_text(labelled(FREEFEM, tmp_path / "sponge.msh"))
-    said = run(
+    printed = run(
         tmp_path, program, "-nw", "-ng", "heat.edp", FF_LOADPATH="/usr/lib/freefem++", DISPLAY=""
     )
-    found = dict(re.findall(r"^(ENERGY|VOLUME) (\S+)", said, re.MULTILINE))
+    found = dict(re.findall(r"^(ENERGY|VOLUME) (\S+)", printed, re.MULTILINE))
     assert float(found["ENERGY"]) == pytest.approx(sponge.energy, rel=1e-6)
     assert float(found["VOLUME"]) == pytest.approx(sponge.mesh.volumes.sum(), rel=1e-9)
 

@@ -19,7 +19,13 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 def run(*command, **options):
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=300, check=False, **options
+        command,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        **options,
+        stdin=subprocess.DEVNULL,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

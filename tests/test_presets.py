@@ -119,5 +119,7 @@ def test_presets_lie_beside_the_package_in_a_checkout():
         text=True,
         check=True,
         cwd="/",
+        stdin=subprocess.DEVNULL,
+        timeout=120,
     )
     assert int(done.stdout) == len(NAMES)

@@ -3,11 +3,11 @@
 import os
 import re
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from programs import said
 
 from porous.cli import main
 from porous.recipe import build, load
@@ -60,15 +60,14 @@ def run_line(line, judge, capsys):
     words = shlex.split(line, comments=True)
     if not words or line.startswith(INSTALLS):
         return
+    if words[:2] == ["porous", "solve"]:
+        judge("ccx")
     if words[0] == "porous":
         assert main(words[1:]) == 0, f"{line}: {capsys.readouterr().err}"
         return
     assert words[0] in SOLVERS, f"nobody runs {line!r}"
     judge(SOLVERS[words[0]])
-    done = subprocess.run(
-        [judge(words[0]), *words[1:]], capture_output=True, text=True, timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stdout[-2000:]
+    said([judge(words[0]), *words[1:]], ".", seconds=120)
 
 
 def test_the_two_commands_come_first_and_ci_runs_them():

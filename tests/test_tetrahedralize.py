@@ -324,7 +324,11 @@ tetrahedralize(named("cube").surface("mm"), edge_length=0.01, progress=progress)
 def test_a_mesher_ends_with_whoever_started_it(tmp_path):
     ours = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(porous.__file__).parent.parent)}
     done = subprocess.run(
-        [sys.executable, "-c", KILLED], env=os.environ | ours, timeout=60, check=False
+        [sys.executable, "-c", KILLED],
+        env=os.environ | ours,
+        timeout=60,
+        check=False,
+        stdin=subprocess.DEVNULL,
     )
     assert done.returncode == -signal.SIGKILL
     assert list(tmp_path.iterdir())  # nobody was left to clear up
