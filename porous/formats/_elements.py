@@ -44,6 +44,8 @@ class Draft:
     """Once settled: the numbers of the mesh's nodes, ascending."""
     blocks: tuple[Block, ...] = ()
     """Once settled: the cells, of nodes as the mesh has them."""
+    where: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    """Once settled: the places of the mesh's nodes, (n, 3)."""
 
     def __post_init__(self) -> None:
         check_memory(GROWTH * len(self.source.data), "its nodes and elements", "Coarsen the mesh.")
@@ -69,6 +71,7 @@ class Draft:
         rows = {shape: np.concatenate(some) for shape, some in self.cells.items()}
         self.cells.clear()
         self.used = _used(list(rows.values()))
+        self.where = self._points()
         self.blocks = tuple(Block(shape, self.places(some)) for shape, some in rows.items())
 
     def places(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -84,7 +87,7 @@ class Draft:
         """Return the mesh: nodes that cells use by their numbers, cells by shape as they came."""
         if not self.blocks:
             self.settle()
-        return VolumeMesh(self._points(), self.blocks, parts=parts or {}, unit=unit)
+        return VolumeMesh(self.where, self.blocks, parts=parts or {}, unit=unit)
 
     def _points(self) -> NDArray[np.float64]:
         known = np.concatenate([np.zeros(0, np.int64), *self.numbers])
@@ -105,6 +108,9 @@ def places_in(known: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[n
     if not len(known):
         return np.full(numbers.shape, -1)
     if int(known[-1]) - int(known[0]) == len(known) - 1:  # each is one more than the one before
+        if numbers.size and known[0] <= numbers.min() <= numbers.max() <= known[-1]:
+            shifted: NDArray[np.int64] = numbers - known[0]
+            return shifted
         inside = (numbers >= known[0]) & (numbers <= known[-1])
         return np.where(inside, numbers - known[0], -1)
     at = np.minimum(np.searchsorted(known, numbers), len(known) - 1)

@@ -17,7 +17,7 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats._elements import places_in
-from porous.formats._sets import Allowance, Collected, distinct
+from porous.formats._sets import MOST, Allowance, Collected, distinct
 from porous.formats.gate import integer, numbers, refuse, whole
 from porous.values import SHAPES, Part
 
@@ -35,7 +35,7 @@ COMMENT = re.compile(rb"^\*\*[^\n]*", re.MULTILINE)
 LETTER = re.compile(rb"[^\d\s,.+-]")
 """What lists of numbers alone do not hold."""
 COMMAS = bytes.maketrans(b",", b" ")
-FACES = {f"S{i + 1}".encode(): i for i in range(max(len(s.faces) for s in SHAPES.values()))}
+FACES = {f"S{i + 1}".encode(): i for i in range(MOST)}
 WHOLE = 2**53
 """Numbers are below this, whatever their sign."""
 MADE = re.compile(rb"^\*\* made by porous; the mesh was in \w+; lengths in (mm|m),", re.MULTILINE)
@@ -163,7 +163,7 @@ class Sets:
                 members = own.members()
                 if own.flat and not len(members):
                     continue
-                rows_of = np.stack(np.divmod(members, len(FACES)), axis=1)
+                rows_of = np.stack(np.divmod(members, MOST), axis=1)
                 collected.add(kind, name, rows_of if kind == "faces" else members)
         for name, some in pairs.items():
             collected.add("pairs", name, some)
@@ -265,7 +265,7 @@ class _Chooser:
         return own
 
     def _surface(self, card: _Card, own: _Set) -> list[Indices]:
-        """Return faces, as the cell times the most faces there are, plus the local face."""
+        """Return faces, each as one number."""
         if card.options.get("TYPE", "ELEMENT").upper() != "ELEMENT":
             own.reason = ODD
             return []
@@ -295,7 +295,7 @@ class _Chooser:
             number = self.rows.elements[cells[bad[0]]]
             got = f"S{local[bad[0]] + 1} of element {number}"
             refuse(f"*SURFACE {name[:20]}", got, f"S1 to S{limits[bad[0]]}")
-        return cells * len(FACES) + local
+        return cells * MOST + local
 
 
 def _lines(body: bytes) -> Iterator[tuple[bytes, bytes]]:

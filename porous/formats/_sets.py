@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     Indices = NDArray[np.int64]
 
+MOST = max(len(shape.faces) for shape in SHAPES.values())
+"""Faces of a cell, at most. A face as one number is its own, and ``MOST`` times its cell's."""
 LONGEST = 127
 """The longest name, in characters."""
 FREE = 1 << 21
@@ -102,6 +104,12 @@ def distinct(members: Indices) -> Indices:
         return members
     _, first = np.unique(members, return_index=True)
     return members[np.sort(first)]
+
+
+def ascending(pieces: Sequence[Indices]) -> Indices:
+    """Return the members of several arrays, each once, from the lowest to the highest."""
+    members = np.concatenate([np.zeros(0, np.int64), *pieces])
+    return members if (members[1:] > members[:-1]).all() else np.unique(members)
 
 
 def groups_of(labels: Indices) -> Iterator[tuple[int, Indices]]:

@@ -9,9 +9,9 @@ https://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format-version-2
 
 from __future__ import annotations
 
+from porous.formats._msh_read import read
 from porous.formats._msh_write import write_2
 from porous.formats._registry import Format
-from porous.formats.msh import read
 from porous.values import VolumeMesh
 
 FORMAT = Format("Gmsh mesh 2.2", (".msh2",), VolumeMesh, read, (VolumeMesh,), write_2)
