@@ -32,6 +32,7 @@ import porous.models
 from porous import jobs, presets
 from porous.errors import RecipeError, nearest
 from porous.jobs import SimulationSection  # noqa: TC001  (pydantic reads it)
+from porous.models.image import table_of
 from porous.models.sections import BoxSection, CleanSection, Section, Spacing
 from porous.toml import parse_value, read_table, render_table, shown
 
@@ -225,7 +226,7 @@ def load(recipe: str | Path, *, set: Mapping[str, object] | None = None) -> Reci
     Parameters
     ----------
     recipe
-        ``"menger"``, or a path to a TOML file.
+        ``"menger"``, or a path to a TOML file; an image is a recipe of its own (``table_of``).
     set
         Values to put in place of the recipe's own, by key path: ``{"model.level": 3}``. What the
         recipe expects is left out then, since it speaks of the recipe as it was.
@@ -237,7 +238,7 @@ def load(recipe: str | Path, *, set: Mapping[str, object] | None = None) -> Reci
         the file, the key path, what was got and what was wanted.
     """
     path = find(recipe)
-    table = read_table(path)
+    table = table_of(path) or read_table(path)
     _forget(table, (set or {}).get("simulation.analysis"))
     for key, value in (set or {}).items():
         _put(table, key, value)

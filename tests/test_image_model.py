@@ -370,3 +370,11 @@ def test_grey_values_of_the_judges_lie_where_they_say():
 
 def test_a_preset_keeps_its_own_defaults():
     assert load("menger").voxels.per_feature == 4
+
+
+def test_an_image_is_a_recipe_by_itself(tmp_path):
+    path = written(tmp_path)
+    taken = load(path, set={"model.threshold": 100, "voxels.periodic": [True, False, False]})
+    assert taken.title == "scan.nrrd"
+    assert np.array_equal(build(taken).solid, GREY >= 100)
+    assert load(str(path)).model.threshold is None

@@ -254,7 +254,8 @@ def _two_values(image: Image, source: Source) -> VoxelGrid:
     if not (solid | (values == low)).all():
         raise FormatError(
             f"got {_levels(values)} grey levels, from {low} to {high}; wanted a segmented image of "
-            "two values, pore and solid"
+            "two values, pore and solid; or give it a threshold: porous make FILE --set "
+            "model.threshold=otsu -o FOLDER"
         )
     if low == high:
         solid = np.full(values.shape, bool(high))

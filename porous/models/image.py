@@ -366,6 +366,15 @@ class ImageSection(Section):
     )
 
 
+def table_of(path: Path) -> dict[str, Any]:
+    """Return the recipe that an image is by itself, without a threshold; empty for other files."""
+    from porous.formats import images
+
+    if path.suffix in ("", ".toml") or path.suffix.lower() not in images():
+        return {}
+    return {"format": 1, "title": path.name, "model": {"kind": KIND, "path": path.name}}
+
+
 def build(section: ImageSection, folder: Path) -> Segmented:
     """Return the model that a section describes; its file is relative to ``folder``."""
     image, notes = _read(folder / section.path)
