@@ -2,6 +2,8 @@
 
 u = 1 on XMIN, 0 on XMAX, no flux elsewhere, conductivity 1: the energy ∫|∇u|² is the heat that
 flows. Linear tetrahedra give every finite element code the same matrix, so the digits must agree.
+OpenFOAM balances over cells instead: ``test_flow.py`` holds its extrapolated flux through hexahedra
+of the same sponge to that of finite elements on the same meshes.
 """
 
 import re
