@@ -204,7 +204,8 @@ class _Chooser:
         if card.card >= 0:
             if card.keyword == "NSET":
                 return [self.known["NSET"].find(self.rows.nodes[card.card])]
-            return [self.rows.cells[card.kind or "", card.card]] if card.kind else []
+            found = self.rows.cells.get((card.kind or "", card.card))
+            return [] if found is None else [found]  # no element of that kind, or a card of none
         if card.keyword == "SURFACE":
             return self._surface(card, own)
         body = COMMENT.sub(b"", card.body)
