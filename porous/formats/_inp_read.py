@@ -16,7 +16,7 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats._elements import Draft
-from porous.formats._inp_sets import COMMENT, Rows, Sets
+from porous.formats._inp_sets import COMMENT, Rows, Sets, words_in_lines
 from porous.formats.gate import numbers, refuse, whole
 
 if TYPE_CHECKING:
@@ -174,10 +174,7 @@ def _table(
     """
     text = COMMENT.sub(b"", b"".join(bodies)).translate(DATA)
     values = numbers(text, what)
-    codes = np.frombuffer(text, np.uint8)
-    word = codes > 32  # white space, as bytes.split() has it, lies below
-    begins = np.flatnonzero(word & ~np.concatenate([[False], word[:-1]]))
-    ends = np.append(np.searchsorted(begins, np.flatnonzero(codes == 10)), len(begins))
+    begins, ends = words_in_lines(text)
     starts = np.append(0, ends[:-1])
     good = (starts // width == (ends - 1) // width) if spread else (ends - starts == width)
     good[starts == ends] = True

@@ -17,8 +17,8 @@ import numpy as np
 
 from porous.errors import FormatError
 from porous.formats._elements import places_in
-from porous.formats._sets import MOST, Allowance, Collected, distinct
-from porous.formats.gate import integer, numbers, refuse, whole
+from porous.formats._sets import MOST, Allowance, Collected, distinct, groups_of
+from porous.formats.gate import numbers, refuse, whole
 from porous.values import SHAPES, Part
 
 if TYPE_CHECKING:
@@ -36,11 +36,11 @@ LETTER = re.compile(rb"[^\d\s,.+-]")
 """What lists of numbers alone do not hold."""
 COMMAS = bytes.maketrans(b",", b" ")
 FACES = {f"S{i + 1}".encode(): i for i in range(MOST)}
-WHOLE = 2**53
-"""Numbers are below this, whatever their sign."""
 MADE = re.compile(rb"^\*\* made by porous; the mesh was in \w+; lengths in (mm|m),", re.MULTILINE)
 """What porous writes at the head of a deck, and how much of a deck is its head."""
 HEAD = 512
+AT_ONCE = 1 << 17
+"""Members of runs that are worked out at once."""
 FIRST, SECOND = "_FIRST", "_SECOND"
 """How the names of sets end that hold the nodes of pairs, in order, in decks of porous."""
 EVERY = re.compile(r"ALL_CELLS(_\d+)?")
@@ -81,15 +81,26 @@ class _Known:
         at = self.places(some)
         return at[at >= 0]
 
-    def run(self, first: int, last: int, step: int, allowance: Allowance) -> Indices:
-        """Return what bears first, first + step, … up to last."""
-        low, high = np.searchsorted(self.known, [first, last + 1]).tolist()
-        count = (last - first) // step + 1
-        allowance.take(min(count, high - low))
-        if count < high - low:
-            return self.find(first + step * np.arange(count))
-        at = low + np.flatnonzero((self.known[low:high] - first) % step == 0)
-        return self._at(at)
+    def runs(self, runs: Indices, allowance: Allowance) -> Indices:
+        """Return what bears first, first + step, … up to last, of runs (n, 3)."""
+        low, near = self._near(runs)
+        count = np.minimum(near, (runs[:, 1] - runs[:, 0]) // runs[:, 2] + 1)
+        allowance.take(int(count.sum()))
+        chosen = np.zeros(len(self.known), bool)
+        for _, some in groups_of(np.cumsum(count) // AT_ONCE):
+            is_few = count[some] < near[some]
+            few, others = runs[some[is_few]], some[~is_few]
+            at = places_in(self.known, _steps(few[:, 0], few[:, 2], count[some[is_few]]))
+            chosen[at[at >= 0]] = True
+            at = _steps(low[others], np.ones_like(others), near[others])
+            first, step = np.repeat(runs[others][:, ::2], near[others], axis=0).T
+            chosen[at[(self.known[at] - first) % step == 0]] = True
+        return np.sort(self._at(np.flatnonzero(chosen)))
+
+    def _near(self, runs: Indices) -> tuple[Indices, Indices]:
+        """Return where known numbers that runs span begin, and how many they are."""
+        low = np.searchsorted(self.known, runs[:, 0])
+        return low, np.searchsorted(self.known, runs[:, 1], side="right") - low
 
     def _at(self, places: Indices) -> Indices:
         return places if self.order is None else self.order[places]
@@ -210,7 +221,7 @@ class _Chooser:
             return self._surface(card, own)
         body = COMMENT.sub(b"", card.body)
         if "GENERATE" in card.options:
-            return list(self._generated(card.keyword, card.name, body))
+            return [self._generated(card.keyword, card.name, body)]
         pieces = list(self._listed(card.keyword, card.name, body, own))
         if card.keyword == "NSET" and (source := _name(card.options.get("ELSET", ""))):
             pieces += [self._nodes_of(cells) for cells in self._named("ELSET", [source], own)]
@@ -239,19 +250,22 @@ class _Chooser:
             self.allowance.take(len(members))
             yield members
 
-    def _generated(self, keyword: str, name: str, body: bytes) -> Iterator[Indices]:
-        for line in body.translate(COMMAS).split(b"\n"):
-            words = line.split()
-            if not words:
-                continue
-            what = f"*{keyword} {name[:20]}, GENERATE"
-            run = [integer(word, what) for word in words]
-            if len(run) not in (2, 3) or max(map(abs, run)) >= WHOLE:
-                refuse(what, line.decode("latin-1").strip(), "first, last and step")
-            first, last, step = (*run, 1)[:3]
-            if step < 1 or last < first:
-                refuse(what, f"{first}, {last}, {step}", "a step of 1 or more, up to the last")
-            yield self.known[keyword].run(first, last, step, self.allowance)
+    def _generated(self, keyword: str, name: str, body: bytes) -> Indices:
+        what = f"*{keyword} {name[:20]}, GENERATE"
+        text = body.translate(COMMAS)
+        values = whole(numbers(text, what), what)
+        _, ends = words_in_lines(text)
+        count = np.diff(ends, prepend=0)
+        first = (ends - count)[count > 0]
+        count = count[count > 0]
+        if not np.isin(count, (2, 3)).all():
+            line = next(line for line in text.split(b"\n") if len(line.split()) not in (0, 2, 3))
+            refuse(what, line.decode("latin-1").strip(), "first, last and step")
+        step = np.where(count > 2, values[np.minimum(first + 2, len(values) - 1)], 1)
+        runs = np.stack([values[first], values[first + 1], step], axis=1)
+        for run in runs[(step < 1) | (runs[:, 1] < runs[:, 0])][:1].tolist():
+            refuse(what, ", ".join(map(str, run)), "a step of 1 or more, up to the last")
+        return self.known[keyword].runs(runs, self.allowance)
 
     def _nodes_of(self, cells: Indices) -> Indices:
         """Return the nodes of cells."""
@@ -272,7 +286,7 @@ class _Chooser:
             return []
         singles: tuple[list[bytes], list[bytes]] = ([], [])
         pieces = []
-        for element, face in _lines(COMMENT.sub(b"", card.body).upper()):
+        for element, face in dict.fromkeys(_lines(COMMENT.sub(b"", card.body).upper())):
             if face not in FACES:
                 own.reason = ODD
                 return []
@@ -297,6 +311,20 @@ class _Chooser:
             got = f"S{local[bad[0]] + 1} of element {number}"
             refuse(f"*SURFACE {name[:20]}", got, f"S1 to S{limits[bad[0]]}")
         return cells * MOST + local
+
+
+def _steps(first: Indices, step: Indices, count: Indices) -> Indices:
+    """Return first, first + step, … of each run, so many of each."""
+    before = np.cumsum(count) - count
+    return np.repeat(first - step * before, count) + np.repeat(step, count) * np.arange(count.sum())
+
+
+def words_in_lines(text: bytes) -> tuple[Indices, Indices]:
+    """Return where words begin, and how many words there are up to the end of each line."""
+    codes = np.frombuffer(text, np.uint8)
+    word = codes > 32  # white space, as bytes.split() has it, lies below
+    begins = np.flatnonzero(word & ~np.concatenate([[False], word[:-1]]))
+    return begins, np.append(np.searchsorted(begins, np.flatnonzero(codes == 10)), len(begins))
 
 
 def _lines(body: bytes) -> Iterator[tuple[bytes, bytes]]:

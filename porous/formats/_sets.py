@@ -29,7 +29,7 @@ MOST = max(len(shape.faces) for shape in SHAPES.values())
 """Faces of a cell, at most. A face as one number is its own, and ``MOST`` times its cell's."""
 LONGEST = 127
 """The longest name, in characters."""
-FREE = 1 << 21
+FREE = 1 << 19
 """Members that sets may have together beside one for each byte of the file."""
 SHOWN = 5
 """Names that a note says; of more it says how many."""
