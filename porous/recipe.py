@@ -442,13 +442,14 @@ def _resolve_files(
         if str in kinds and not str(value).endswith(presets.SUFFIX):
             continue  # a name among the presets
         if Path in kinds and isinstance(value, str):
-            table[key] = str(_resolved(value, folder, f"{name}: {path}.{key}"))
+            folders = key in getattr(section, "FOLDERS", ())
+            table[key] = str(_resolved(value, folder, f"{name}: {path}.{key}", folders=folders))
 
 
-def _resolved(value: str, folder: Path, where: str) -> Path:
+def _resolved(value: str, folder: Path, where: str, *, folders: bool) -> Path:
     for place in (folder / value, presets.folder() / value):
         with contextlib.suppress(OSError, ValueError):  # a name too long, a null character
-            if place.is_file():
+            if place.is_file() or (folders and place.is_dir()):
                 return place.resolve()
     raise RecipeError(f"{where}: got {shown(value)}; wanted a file, relative to the recipe")
 

@@ -1,5 +1,5 @@
 """What crosses the border: one file per format, reader and writer side by side, values only."""
 
-from porous.formats._registry import Format, formats, images, read, read_image, write
+from porous.formats._registry import Format, formats, images, members, read, read_image, write
 
-__all__ = ["Format", "formats", "images", "read", "read_image", "write"]
+__all__ = ["Format", "formats", "images", "members", "read", "read_image", "write"]

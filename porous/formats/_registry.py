@@ -50,6 +50,8 @@ LONGEST = 400
 """The longest message about a file, in characters."""
 HELPERS = ("gate",)
 """Files of this folder that are no format; so are those whose name begins with an underscore."""
+FOLDER = "pngs"
+"""The format that folders are read by."""
 SPELLED = {"3mf": "threemf"}
 """The one suffix that begins with a digit, as no module's name may."""
 
@@ -84,7 +86,10 @@ class Format:
         The command line that runs a job's steps in the folder that ``{name}`` lies in, where there
         is one; ``{stem}`` is the name without its suffix.
     read_image
-        Of formats of images: the function from a ``Source`` to the grey values as they are.
+        Of formats of images: the function from a ``Source`` to the grey values as they are. Of a
+        folder the source has no bytes.
+    members
+        Of images in several files: the names of the others, which lie beside it, or in the folder.
     """
 
     name: str
@@ -100,6 +105,7 @@ class Format:
     needs: tuple[str, ...] = ()
     command: str = ""
     read_image: Callable[[Source], Image] | None = None
+    members: Callable[[Source], tuple[str, ...]] | None = None
 
     @property
     def suffix(self) -> str:
@@ -141,6 +147,11 @@ def read(path: str | Path) -> Value:
 def read_image(path: str | Path) -> Image:
     """Read the grey values of an image as they are; the suffix says which format it is.
 
+    Parameters
+    ----------
+    path
+        A regular file, or a folder of slices.
+
     Raises
     ------
     FormatError
@@ -148,12 +159,32 @@ def read_image(path: str | Path) -> Image:
     MemoryLimitError
         Where what it holds would not fit into memory.
     """
-    form = _find(Path(path))
+    form = _image_format(path)
     if form.read_image is None:
         raise FormatError(
             f"{path}: a {form.suffix} file holds no image; wanted one of {', '.join(images())}"
         )
-    return _read(path, form.read_image)
+    return _read(path, form.read_image, _image_source)
+
+
+def members(path: str | Path) -> tuple[str, ...]:
+    """Return the names of the other files that an image consists of, beside it or in the folder.
+
+    Raises
+    ------
+    FormatError
+        As ``read_image``.
+    """
+    form = _image_format(path)
+    return _read(path, form.members, _image_source) if form.members else ()
+
+
+def _image_format(path: str | Path) -> Format:
+    return _load(FOLDER) if Path(path).is_dir() else _find(Path(path))
+
+
+def _image_source(path: str | Path) -> Source:
+    return Source(str(path), b"", Path(path)) if Path(path).is_dir() else open_source(path)
 
 
 def images() -> tuple[str, ...]:
@@ -161,10 +192,14 @@ def images() -> tuple[str, ...]:
     return tuple(suffix for form in formats() if form.read_image for suffix in form.suffixes)
 
 
-def _read(path: str | Path, reader: Callable[[Source], T]) -> T:
+def _read(
+    path: str | Path,
+    reader: Callable[[Source], T],
+    opened: Callable[[str | Path], Source] = open_source,
+) -> T:
     """Return what a reader makes of a file; what it refuses is said with the path before it."""
     try:
-        return reader(open_source(path))
+        return reader(opened(path))
     except (FormatError, GridError, MeshError) as error:
         raise FormatError(f"{path}: {_plain(error)}") from None
     except MemoryLimitError as error:

@@ -76,6 +76,10 @@ class Source:
         plain = _is_plain(name) and self.folder is not None
         return plain and not os.path.lexists(Path(self.folder or "") / name)
 
+    def is_bad_name(self, name: str) -> bool:
+        """Whether ``beside`` refuses a name unseen."""
+        return not _is_plain(name) or self.folder is None
+
     def note(self, text: str) -> None:
         """Warn of something that was accepted though it is not as it should be."""
         warnings.warn(f"{self.name}: {text}", FormatWarning, stacklevel=2)

@@ -70,6 +70,12 @@ def read_image(source: Source) -> Image:
     return _read(source)[0]
 
 
+def members(source: Source) -> tuple[str, ...]:
+    """Return the name of the file that the voxels are in, where that is another one."""
+    name = _fields(source.data)[0]["elementdatafile"]
+    return () if name.upper() == LOCAL or source.is_bad_name(name) else (name,)
+
+
 def write_files(grid: VoxelGrid, name: str) -> Iterator[File]:
     """Write a grid of voxels: a header with its voxels beside it, or one file."""
     stem = name[:-4]
@@ -79,7 +85,8 @@ def write_files(grid: VoxelGrid, name: str) -> Iterator[File]:
         size = f"CompressedDataSize = {len(fill)}\n"
         yield name, itertools.chain([_header(grid, LOCAL, size), fill], bulk)
         return
-    if not stem.isascii() or not stem.isprintable():
+    several = "%" in stem or stem.split()[:1] == ["LIST"]  # so readers would take it
+    if several or not stem.isascii() or not stem.isprintable():
         refuse("a name", name, "one of plain letters, for the header says it")
     yield f"{stem}.raw", images.layers(grid.fill)
     more = {}
@@ -265,4 +272,5 @@ FORMAT = Format(
     (VoxelGrid,),
     write_files=write_files,
     read_image=read_image,
+    members=members,
 )

@@ -76,6 +76,13 @@ def read_image(source: Source) -> Image:
     return _read(source)[0]
 
 
+def members(source: Source) -> tuple[str, ...]:
+    """Return the name of the file that the voxels are in, where that is another one."""
+    fields = _head(source.data)[0]
+    names = [fields[name] for name in DETACHED if name in fields]
+    return tuple(name for name in names if not source.is_bad_name(name))
+
+
 def write_files(grid: VoxelGrid, name: str) -> Iterator[File]:
     """Write a grid of voxels, into one file or with a header of its own."""
     body = [grid.fill] if grid.bulk is None else [grid.fill, grid.bulk]
@@ -145,7 +152,15 @@ def _read(source: Source) -> tuple[Image, images.Mark | None]:
 
 def _split(source: Source) -> tuple[dict[str, str], dict[str, str], memoryview]:
     """Return the header's fields and keys, and the bytes of the voxels, wherever they are."""
-    data = source.data
+    fields, keys, stop = _head(source.data)
+    for name in DETACHED:
+        if name in fields:
+            return fields, keys, memoryview(source.beside(fields[name], name))
+    return fields, keys, memoryview(source.data)[stop:]
+
+
+def _head(data: bytes) -> tuple[dict[str, str], dict[str, str], int]:
+    """Return the header's fields and keys, and where it ends."""
     if not MAGIC.match(data):
         refuse("its beginning", data[:8], "NRRD0001 … NRRD0005")
     stop, lines = 0, []
@@ -158,11 +173,7 @@ def _split(source: Source) -> tuple[dict[str, str], dict[str, str], memoryview]:
         if not line.strip():
             break
         lines.append(line)
-    fields, keys = _fields(lines[1:])
-    for name in DETACHED:
-        if name in fields:
-            return fields, keys, memoryview(source.beside(fields[name], name))
-    return fields, keys, memoryview(data)[stop:]
+    return *_fields(lines[1:]), stop
 
 
 def _fields(lines: list[str]) -> tuple[dict[str, str], dict[str, str]]:
@@ -306,4 +317,5 @@ FORMAT = Format(
     (VoxelGrid,),
     write_files=write_files,
     read_image=read_image,
+    members=members,
 )

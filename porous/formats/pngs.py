@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.formats._registry import Format
+from porous.formats._series import SIGNATURE, members, read_image
 from porous.values import VoxelGrid
 from porous.values.units import METRES
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
 GREY = (8, 0, 0, 0, 0)
 """Eight bits, grey, and the only ways to pack, filter and interlace."""
 MOST = 2**31 - 1
@@ -90,4 +90,12 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
 
 
-FORMAT = Format("PNG slices", (".pngs",), writes=(VoxelGrid,), write_files=write_files, folder=True)
+FORMAT = Format(
+    "PNG slices",
+    (".pngs",),
+    writes=(VoxelGrid,),
+    write_files=write_files,
+    folder=True,
+    read_image=read_image,
+    members=members,
+)

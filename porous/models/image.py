@@ -338,9 +338,13 @@ class ImageSection(Section):
     """``[model]`` of kind image."""
 
     OWN_LATTICE: ClassVar[bool] = True
+    FOLDERS: ClassVar[tuple[str, ...]] = ("path",)
 
     kind: Literal["image"] = Field(description='"image"')
-    path: Path = Field(strict=False, description="a path to an image: TIFF, NRRD, MHD, VTI, NPZ")
+    path: Path = Field(
+        strict=False,
+        description="a path to an image: TIFF, NRRD, MHD, VTI or NPZ, or a folder of slices",
+    )
     spacing: Spacing | None = Field(
         default=None,
         description="the edge lengths of a voxel along x, y and z, above zero, or one for all; "
@@ -370,7 +374,7 @@ def table_of(path: Path) -> dict[str, Any]:
     """Return the recipe that an image is by itself, without a threshold; empty for other files."""
     from porous.formats import images
 
-    if path.suffix in ("", ".toml") or path.suffix.lower() not in images():
+    if not path.is_dir() and (path.suffix in ("", ".toml") or path.suffix.lower() not in images()):
         return {}
     return {"format": 1, "title": path.name, "model": {"kind": KIND, "path": path.name}}
 

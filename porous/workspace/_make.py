@@ -47,6 +47,9 @@ KNOWN = (
 """What else a folder may hold, besides decks that are asked for; what a new run does not write
 would belong to another recipe."""
 
+HEADERS = (".mhd", ".nhdr")
+"""Suffixes of images whose voxels are in another file."""
+
 UNFINISHED = "unfinished.json"
 """A folder that has this file is to be gone on with; it says what was asked for."""
 
@@ -89,6 +92,7 @@ def make(
         _finish(replace(result, recipe=local), stage, {"only": only}, progress)
         # Results of an earlier mesh would stand beside a new one.
         stale = dict.fromkeys((*_stale(Path(folder), text), *RESULTS))
+        stale |= dict.fromkeys(_left_over(Path(folder), recipe))
         disk.commit(stage, folder, last=LAST, stale=stale)
     return result
 
@@ -179,7 +183,7 @@ def is_whole(folder: str | Path) -> bool:
     made = _logged(place).get("files")
     if _is_there(place / UNFINISHED) or not isinstance(made, dict) or LAST not in made:
         return False
-    known = {"recipe.toml", *_known(), LAST, pipeline.STORE, *map(str, _names(recipe).values())}
+    known = {"recipe.toml", *_known(), LAST, pipeline.STORE, *map(str, _names_of(recipe))}
     if not made.keys() <= known:  # a log of somebody else's: no other file is looked at
         return False
     if any(_sum(place / name) != told for name, told in made.items()):
@@ -299,7 +303,8 @@ def _asked(note: dict[str, Any]) -> tuple[str | None, int]:
 def _identity(recipe: Recipe) -> str:
     """Return a hash of a recipe and of all that it reads, wherever that lies."""
     text = dump(with_files(recipe, _names(recipe)))
-    contents = [_content(path) for _, path in sorted(files(recipe).items())]
+    contents = [_content(path) for _, path in sorted(files(recipe).items()) if not path.is_dir()]
+    contents += [_content(path) for _, path in sorted(_members(recipe).items())]
     return hashlib.sha256(b"".join((text.encode(), *contents))).hexdigest()
 
 
@@ -401,7 +406,10 @@ def _finish(
 
 def _sums(result: Result, stage: Path, place: Path) -> dict[str, object]:
     """Return what a folder will hold by name: sizes and sums of files, stores as folders."""
-    names = {"recipe.toml": place, **dict.fromkeys(map(str, _names_of(result)), place)}
+    assert result.recipe is not None
+    copies = {key: place / name for key, name in files(result.recipe).items()}
+    read = map(str, _names_of(with_files(result.recipe, copies)))
+    names = {"recipe.toml": place, **dict.fromkeys(read, place)}
     names |= {path.name: stage for path in stage.iterdir()}
     if isinstance(result.surface, StreamedSurface):
         names[pipeline.SURFACE] = place
@@ -410,9 +418,9 @@ def _sums(result: Result, stage: Path, place: Path) -> dict[str, object]:
     return {name: _sum(where / name) for name, where in sorted(names.items())}
 
 
-def _names_of(result: Result) -> Iterable[Path]:
-    assert result.recipe is not None
-    return _names(result.recipe).values()
+def _names_of(recipe: Recipe) -> Iterable[Path]:
+    """Return the names in the folder of all that a recipe reads."""
+    return (*_names(recipe).values(), *_members(recipe))
 
 
 def _names(recipe: Recipe) -> dict[str, Path]:
@@ -422,11 +430,50 @@ def _names(recipe: Recipe) -> dict[str, Path]:
     }
 
 
+def _members(recipe: Recipe) -> dict[Path, Path]:
+    """Return the files that others which a recipe reads consist of besides, by their names there.
+
+    Raises
+    ------
+    FormatError
+        Where one has a name that porous needs, or what names it is damaged.
+    """
+    from porous.formats import members
+
+    found = {}
+    for key, path in files(recipe).items():
+        if not path.is_dir() and path.suffix.lower() not in HEADERS:
+            continue
+        for name in members(path):
+            if path.is_dir():
+                found[_names(recipe)[key] / name] = path / name
+            elif name in (*_known(), LAST, "recipe.toml", str(_names(recipe)[key])):
+                raise FormatError(f"{path}: its voxels are in {name}; wanted another name there")
+            else:
+                found[Path(name)] = path.parent / name
+    return found
+
+
+def _left_over(folder: Path, recipe: Recipe) -> Iterator[str]:
+    """Yield what is of no use any more in folders of slices that a recipe's own are put into."""
+    wanted = {str(name) for name in _members(recipe)}
+    for key, path in files(recipe).items():
+        inner = folder / _names(recipe)[key]
+        if path.is_dir() and inner.is_dir():
+            there = (f"{inner.name}/{file.name}" for file in inner.iterdir() if file.is_file())
+            yield from (name for name in there if name not in wanted)
+
+
 def _localised(recipe: Recipe, stage: Path) -> tuple[Recipe, str]:
     """Copy the files that a recipe reads beside it; return the recipe that means the copies."""
     names = _names(recipe)
     for key, path in files(recipe).items():
-        disk.write_bytes(stage / names[key], _content(path))
+        if path.is_dir():
+            disk.make_folder(stage / names[key])
+        else:
+            disk.write_bytes(stage / names[key], _content(path))
+    for name, path in _members(recipe).items():
+        disk.write_bytes(stage / name, _content(path))
     local = with_files(recipe, names)
     return local, dump(local)
 
