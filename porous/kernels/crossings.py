@@ -13,10 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from porous.errors import MeshError
 from porous.kernels._shared import kernel, slabs, source
+from porous.values.surface_topology import pieces, winding_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from porous.values import SurfaceMesh
 
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
@@ -30,6 +34,13 @@ LEAF = 4
 SLAB = 8192
 DEPTH = 128
 """Triangles of one task; places on the stack of one that goes down the tree."""
+
+NEAR = 1e-5
+"""How far from a triangle the places lie, by the root of twice its area."""
+
+PLACES = (32, 4096)
+WORK = 3_000_000
+"""Places at which it is asked how often a surface winds round; pairs of them and triangles."""
 
 
 @kernel
@@ -298,6 +309,46 @@ def crossing(points: Floats, triangles: Indices) -> NDArray[np.bool_]:
     slabs(len(ordered), SLAB, work)
     result[order] = marks.astype(bool)
     return result
+
+
+def check_uncrossed(surface: SurfaceMesh) -> None:
+    """Raise ``MeshError`` where a closed surface crosses itself, and winds round a place twice.
+
+    Surfaces that touch themselves pass. It is asked how often the surface winds round places on
+    both sides of triangles that touch or cross others, and of one of each piece; these are drawn at
+    random, with the same seed always, so what crosses in little of them may be missed.
+
+    Raises
+    ------
+    MeshError
+        Naming a place that is inside twice, or less often than not at all.
+    """
+    shell = pieces(surface)
+    some = crossing(surface.points, surface.triangles)
+    if not some.any() and not shell.max(initial=0):
+        return
+    some[np.unique(shell, return_index=True)[1]] = True  # one that lies within another crosses none
+    corners = surface.corners[some]
+    random = np.random.default_rng(0)
+    most = max(PLACES[0], min(PLACES[1], WORK // len(surface.triangles)))
+    corners = random.permutation(corners)[:most]
+    weights = random.dirichlet((1, 1, 1), -(-most // len(corners)))
+    places = np.einsum("wi,tix->wtx", weights, corners)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    away = NEAR * np.sqrt(lengths) * normals / np.where(lengths > 0, lengths, 1)
+    both = np.stack([places + away, places - away], axis=1).reshape(-1, 3)
+    step = max(1, SLAB * 8 // len(surface.triangles))
+    for start in range(0, len(both), step):
+        near = both[start : start + step]
+        winding = winding_numbers(surface.corners, near)
+        wrong = (winding > 1.5) | (winding < -0.5)
+        if wrong.any():
+            place = tuple(float(f"{x:.6g}") for x in near[np.argmax(wrong)])
+            raise MeshError(
+                f"surface: crosses itself: it winds {round(winding[np.argmax(wrong)])} times round "
+                f"{place}; wanted once round what is inside. Unite its pieces first"
+            )
 
 
 def _codes(points: Floats, triangles: Indices) -> Indices:

@@ -523,7 +523,12 @@ def _primitive(given: object, folder: Path | None) -> Primitive:
 
     if not isinstance(given, SurfaceMesh):
         raise MeshError(f"primitive: got a {type(given).__name__}; wanted a closed surface")
-    return primitives.of_surface(given)
+    solid = primitives.of_surface(given)
+    if not solid.convex:
+        from porous.kernels.crossings import check_uncrossed
+
+        check_uncrossed(solid.surface())
+    return solid
 
 
 def _system(

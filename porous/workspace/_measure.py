@@ -58,10 +58,15 @@ def examined(path: str) -> Result:
         As ``examine``.
     """
     from porous.formats import read
+    from porous.kernels.crossings import check_uncrossed
     from porous.scale import StoredGrid
-    from porous.values import MeshFields
+    from porous.values import MeshFields, SurfaceMesh
+    from porous.values.surface_topology import check_closed
 
     if Path(path).is_dir():
         return pipeline.examine(StoredGrid.open(path))
     value = read(path)
+    if isinstance(value, SurfaceMesh):
+        check_closed(value)
+        check_uncrossed(value)
     return pipeline.examine(value.mesh if isinstance(value, MeshFields) else value)  # type: ignore[arg-type]
