@@ -20,11 +20,23 @@ from porous.values.measure import ORDER
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
 NOT_MEASURES |= {
+    "ChordLengths",
+    "Chords",
     "HeightMap",
+    "LinealPath",
+    "LocalThickness",
+    "OverBlocks",
+    "TwoPoint",
     "Variogram",
+    "chord_lengths",
+    "chords",
     "height_map",
+    "local_thickness",
+    "over_blocks",
     "roughness",
     "roughness_of_sides",
+    "thicknesses",
+    "two_point",
     "variogram",
 }
 UNEQUAL = [(np.diag([1 / 2, 1 / 3, 1 / 2]), np.full(3, shift)) for shift in (0.0, 0.5)]
@@ -61,6 +73,10 @@ def taken():
     bumpy = Rough(Box((0, 0, 0), (6, 7, 3)), (Skin("ZMAX", 2.2, 0.1, bumps=1),), "cm")
     rows += [*measure(bumpy), *measure(voxelize(bumpy, voxels=48), model=bumpy)]
     rows += [finest_printable_level(model, feature=0.1)]
+    rows += [known.pore_chord_mean(grid), known.wall_chord_mean(grid)]
+    for phase in ("pore", "solid"):
+        rows += [*known.thicknesses(known.local_thickness(grid, phase=phase))]
+        rows += [*known.chords(known.chord_lengths(grid, phase=phase))]
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]
     return rows
 

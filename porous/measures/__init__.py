@@ -3,8 +3,19 @@
 Measures of a grid are folds: counts of tiles that add up, and what follows from their sum.
 """
 
+from porous.measures._blocks import OverBlocks, over_blocks
 from porous.measures._boxes import box_counts, box_dimension
 from porous.measures._census import Census
+from porous.measures._chords import (
+    ChordLengths,
+    Chords,
+    LinealPath,
+    chord_lengths,
+    chords,
+    pore_chord_mean,
+    wall_chord_mean,
+)
+from porous.measures._correlation import TwoPoint, two_point
 from porous.measures._fold import Journal, fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
 from porous.measures._measure import COUNTED, measure
@@ -43,6 +54,7 @@ from porous.measures._surface_area import (
     specific_surface_area,
     surface_area,
 )
+from porous.measures._thickness import LocalThickness, local_thickness, thicknesses
 from porous.measures._topology import (
     components,
     components_26,
@@ -56,12 +68,20 @@ from porous.measures._volume import volume
 __all__ = [
     "COUNTED",
     "Census",
+    "ChordLengths",
+    "Chords",
     "HeightMap",
     "Journal",
+    "LinealPath",
+    "LocalThickness",
+    "OverBlocks",
+    "TwoPoint",
     "Variogram",
     "affinity_dimension",
     "box_counts",
     "box_dimension",
+    "chord_lengths",
+    "chords",
     "closed_porosity",
     "components",
     "components_26",
@@ -77,8 +97,11 @@ __all__ = [
     "largest_aspect_ratio",
     "largest_dihedral_angle",
     "largest_edge_ratio",
+    "local_thickness",
     "measure",
     "open_porosity",
+    "over_blocks",
+    "pore_chord_mean",
     "porosity",
     "relative_density",
     "roughness",
@@ -90,10 +113,13 @@ __all__ = [
     "smallest_scaled_jacobian",
     "specific_surface_area",
     "surface_area",
+    "thicknesses",
     "through_porosity_x",
     "through_porosity_y",
     "through_porosity_z",
     "tiles_of",
+    "two_point",
     "variogram",
     "volume",
+    "wall_chord_mean",
 ]

@@ -1,0 +1,304 @@
+"""Local thickness: equal to brute force on the lattice, and right on bodies one knows."""
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from porous.errors import Cancelled, GridError, MemoryLimitError
+from porous.kernels.distance import squared_distances
+from porous.kernels.thickness import largest_balls
+from porous.measures import LocalThickness, local_thickness, thicknesses
+from porous.values import Frame, VoxelGrid
+
+SPACINGS = [(1.0, 1.0, 1.0), (0.2, 0.2, 0.4), (1.0, 1.3, 0.7)]
+PERIODS = [(False, False, False), (True, True, True), (True, False, True)]
+
+
+def grid_of(solid, spacing=(1.0, 1.0, 1.0), periodic=(False, False, False), unit="mm"):
+    return VoxelGrid.of_solid(solid, Frame((0, 0, 0), spacing, solid.shape, periodic, unit))
+
+
+def noise(shape, seed, smooth=0.0, share=0.5):
+    field = np.random.default_rng(seed).random(shape)
+    field = gaussian_filter(field, smooth, mode="wrap") if smooth else field
+    return field < np.quantile(field, share)
+
+
+def naive_squares(mask, spacing, periodic, walled):
+    """Squares of distances, in units of the shortest edge: the grid among images of itself."""
+    around = [(0, 0) if wraps else (1, 1) for wraps in periodic]
+    wide = np.pad(mask, around, constant_values=not walled)
+    wide = np.tile(wide, [3 if wraps else 1 for wraps in periodic])
+    distances = distance_transform_edt(wide, sampling=np.array(spacing) / min(spacing))
+    each = zip(mask.shape, periodic, strict=True)
+    return distances[tuple(slice(n, 2 * n) if wraps else slice(1, n + 1) for n, wraps in each)] ** 2
+
+
+def naive_balls(squares, weights, periodic):
+    """Put a ball about every voxel and keep the largest at each."""
+    result = np.zeros_like(squares)
+    for place in np.argwhere(squares):
+        radius, near, steps = squares[tuple(place)], [], []
+        for at, n, wraps, weight in zip(place, squares.shape, periodic, weights, strict=True):
+            step = np.abs(np.arange(n) - at)
+            step = weight * (np.minimum(step, n - step) if wraps else step) ** 2
+            near.append(np.flatnonzero(step < radius))
+            steps.append(step[near[-1]])
+        square = steps[0][:, None, None] + steps[1][:, None] + steps[2]
+        held = np.where(square < radius * (1 - 1e-9), radius, 0)
+        result[np.ix_(*near)] = np.maximum(result[np.ix_(*near)], held)
+    return result
+
+
+@pytest.mark.parametrize("spacing", SPACINGS)
+@pytest.mark.parametrize("periodic", PERIODS)
+@pytest.mark.parametrize("walled", [False, True])
+def test_distances_are_those_of_scipy(spacing, periodic, walled):
+    for shape, share in (((13, 11, 9), 0.5), ((20, 7, 33), 0.97), ((1, 5, 4), 0.9)):
+        mask = noise(shape, 1, share=share)
+        found = squared_distances(mask, spacing, periodic=periodic, walled=walled)
+        wanted = naive_squares(mask, spacing, periodic, walled)
+        assert found.values == pytest.approx(wanted, rel=1e-12)
+        assert found.values.dtype == (np.float64 if spacing == SPACINGS[2] else np.int32)
+
+
+def test_nothing_to_be_far_from_is_far():
+    assert squared_distances(np.ones((3, 4, 5), bool), (1, 1, 1)).values.min() == 1 << 30
+
+
+@pytest.mark.parametrize("spacing", SPACINGS)
+@pytest.mark.parametrize("periodic", PERIODS)
+def test_balls_are_those_of_brute_force(spacing, periodic):
+    for shape, smooth, share, walled in (
+        ((13, 12, 10), 0, 0.5, False),
+        ((11, 12, 9), 0, 0.9, True),
+        ((9, 20, 12), 3, 0.8, False),
+    ):
+        squares = squared_distances(
+            noise(shape, 2, smooth, share), spacing, periodic=periodic, walled=walled
+        )
+        found = largest_balls(squares, periodic=periodic)
+        assert np.array_equal(found, naive_balls(squares.values, squares.weights, periodic))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("smooth", "periodic"), [(0, PERIODS[1]), (1, PERIODS[2]), (3, PERIODS[0]), (4, PERIODS[1])]
+)
+def test_balls_are_those_of_brute_force_on_forty_cubed(smooth, periodic):
+    squares = squared_distances(noise((40, 38, 41), 3, smooth), (2.0,) * 3, periodic=periodic)
+    found = largest_balls(squares, periodic=periodic)
+    assert np.array_equal(found, naive_balls(squares.values, squares.weights, periodic))
+
+
+@given(st.integers(0, 10**6), st.floats(0.1, 0.95), st.permutations(range(3)))
+def test_axes_are_alike(seed, share, order):
+    solid, spacing = noise((6, 9, 7), seed, share=share), (1.0, 1.5, 0.8)
+    turned = grid_of(solid.transpose(order), tuple(spacing[a] for a in order))
+    found = local_thickness(grid_of(solid, spacing)).diameters
+    assert local_thickness(turned).diameters == pytest.approx(found.transpose(order), rel=1e-6)
+
+
+@given(st.integers(0, 10**6), st.integers(-9, 9))
+def test_periodic_bodies_may_be_moved(seed, shift):
+    solid = noise((6, 9, 7), seed, 1)
+    grid = grid_of(solid, periodic=(True, True, True))
+    moved = replace(grid, fill=np.roll(grid.fill, shift, axis=(0, 1)))
+    found = local_thickness(grid).diameters
+    assert np.array_equal(local_thickness(moved).diameters, np.roll(found, shift, axis=(0, 1)))
+
+
+def centres(shape):
+    return np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in shape), indexing="ij"))
+
+
+def values(grid, **options):
+    return {row.name: row for row in thicknesses(local_thickness(grid, **options))}
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("width", [1, 2, 5, 8])
+def test_slabs_are_as_wide_as_they_are(axis, width):
+    solid = np.zeros((12, 13, 14), bool)
+    solid[(slice(None),) * axis + (slice(2, 2 + width),)] = True
+    periodic = tuple(a != axis for a in range(3))
+    rows = values(grid_of(solid, (0.5, 0.5, 0.5), periodic), phase="solid")
+    wanted = {"wall_thickness_mean", "wall_thickness_p50", "largest_wall", "smallest_wall"}
+    assert set(rows) == wanted
+    for row in rows.values():
+        # Twice the distance of centres: of an odd number of voxels it is one more.
+        assert row.value == 0.5 * (width + width % 2)
+        assert row.uncertainty == 0.5
+    gap = values(grid_of(~solid, (0.5, 0.5, 0.5), periodic))
+    assert (
+        gap["smallest_gap"].value == gap["largest_pore_diameter"].value == 0.5 * (width + width % 2)
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tilted_slabs_and_tubes_are_right_within_a_voxel(seed):
+    random = np.random.default_rng(seed)
+    place = random.uniform(0, 24, 3)[:, None, None, None]
+    # Periodic along a lattice direction: gaps of 24 (2, 1, 0) / |(2, 1, 0)| / 5 steps.
+    x, y, z = centres((24, 24, 24)) - place
+    pitch, width = 24 / math.sqrt(5), random.uniform(3, 8)
+    across = (2 * x + y) / math.sqrt(5) % pitch
+    rows = values(grid_of(across >= width, periodic=(True, True, True)))
+    for name in ("pore_thickness_mean", "pore_thickness_p50", "smallest_gap"):
+        assert rows[name].value == pytest.approx(width, abs=1), name
+    radius = random.uniform(3, 9)
+    away = np.hypot((x + 12) % 24 - 12, (y + 12) % 24 - 12) + 0 * z
+    rows = values(grid_of(away >= radius, periodic=(True, True, True)))
+    for name in ("pore_thickness_mean", "largest_pore_diameter", "smallest_gap"):
+        assert rows[name].value == pytest.approx(2 * radius, abs=1.3), name
+    assert rows["pore_thickness_p50"].value == pytest.approx(2 * radius, abs=1)
+
+
+def packing(count, box, radii, seed):
+    """Balls anywhere in a periodic box that keep a voxel or two between them."""
+    random, placed = np.random.default_rng(seed), []
+    while len(placed) < count:
+        place, radius = random.uniform(0, box, 3), random.uniform(*radii)
+        gaps = [np.abs((place - other + box / 2) % box - box / 2) for other, _ in placed]
+        if all(np.linalg.norm(g) > radius + r + 2 for g, (_, r) in zip(gaps, placed, strict=True)):
+            placed.append((place, radius))
+    return placed
+
+
+def test_balls_of_a_packing_are_found_one_by_one():
+    balls, shape = packing(14, 60, (5, 10), 5), (60, 60, 60)
+    x = centres(shape)
+    owner = np.full(shape, -1)
+    for number, (place, radius) in enumerate(balls):
+        gaps = (x - place[:, None, None, None] + 30) % 60 - 30
+        owner[(gaps**2).sum(axis=0) < radius**2] = number
+    local = local_thickness(grid_of(owner >= 0, periodic=(True, True, True)), phase="solid")
+    found = np.array([np.median(local.diameters[owner == n]) for n in range(len(balls))])
+    errors = found - [2 * radius for _, radius in balls]
+    # A centre that is no voxel's costs 0.9 of a voxel on average.
+    assert np.abs(errors).max() < 1.4
+    assert math.sqrt((errors**2).mean()) < local.doubt == 1.0
+    assert -1 < errors.mean() < 0
+    share = sum(radius**3 for _, radius in balls)
+    wanted = sum(2 * radius**4 for _, radius in balls) / share
+    (row, *_) = thicknesses(local)
+    assert row.value == pytest.approx(wanted, abs=1.4)
+
+
+def test_the_gyroid_converges():
+    found = []
+    for n in (24, 48, 96):
+        x, y, z = 2 * np.pi * centres((n, n, n)) / n
+        level = np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)
+        rows = values(grid_of(level > 0, (1 / n,) * 3, (True,) * 3), phase="solid")
+        found.append([row.value for row in rows.values()])
+        assert np.abs(np.array(found[-1]) - 0.457).max() < 1 / n  # 180³: .456 and .458
+    assert rows["smallest_wall"].method == "distance ridge"
+
+
+def test_edges_of_cubes_are_no_walls():
+    solid = np.zeros((20, 22, 24), bool)
+    solid[3:15, 4:18, 5:21] = True
+    rows = values(grid_of(solid), phase="solid")
+    assert rows["smallest_wall"].value == rows["largest_wall"].value == 12
+    assert local_thickness(grid_of(solid), phase="solid").diameters[3, 4, 5] == 4
+
+
+def test_a_neck_is_the_smallest_wall():
+    x, y, z = centres((40, 20, 21)) - 10
+    radius = np.where(np.abs(x - 10) < 6, 3.2, 7.2)
+    rows = values(grid_of(np.hypot(y, z) < radius, periodic=(True, False, False)), phase="solid")
+    assert rows["smallest_wall"].value == pytest.approx(6.4, abs=1)
+    assert rows["largest_wall"].value == pytest.approx(14.4, abs=1)
+
+
+def test_what_lies_beyond_a_side_is_said():
+    solid = np.ones((8, 9, 10), bool)
+    solid[:, 4:] = False
+    grid = grid_of(solid)
+    assert values(grid, phase="solid")["largest_wall"].value == 4
+    # Balls sit on the side: what goes on beyond it could be so thick at least.
+    assert values(grid, phase="solid", beyond="unknown")["largest_wall"].value == 8
+    assert values(grid)["largest_pore_diameter"].value == 10
+    assert "smallest_gap" not in values(grid)
+
+
+def test_pores_beyond_the_bulk_do_not_count():
+    solid = np.zeros((9, 10, 11), bool)
+    solid[:, 4:6] = True
+    bulk = np.full(solid.shape, 255, np.uint8)
+    bulk[:, 6:] = 0
+    local = local_thickness(replace(grid_of(solid), bulk=bulk))
+    assert local.diameters[0, 9, 0] == 8
+    assert local.sizes.tolist() == [8.0]
+    assert local.shares.tolist() == [1.0]
+
+
+def test_the_distribution_is_that_of_the_map():
+    local = local_thickness(grid_of(noise((20, 21, 22), 4, 2), (0.3, 0.4, 0.5), unit="um"))
+    inside = local.diameters[local.diameters > 0]
+    assert local.sizes @ local.shares == pytest.approx(inside.mean(dtype=float), rel=1e-6)
+    assert local.shares.sum() == pytest.approx(1)
+    assert (np.diff(local.sizes) > 0).all()
+    for part in (0.01, 0.5, 0.99, 1):
+        least = np.sort(inside)[math.ceil(part * len(inside)) - 1]
+        assert local.quantile(part) == pytest.approx(least, rel=1e-6)
+    assert {row.unit for row in thicknesses(local)} == {"um"}
+    assert pickle.loads(pickle.dumps(local)) == local
+
+
+def test_sampling_error_is_in_the_doubt():
+    grid = replace(grid_of(noise((9, 9, 9), 1), (0.3,) * 3), sampling_error=0.2)
+    assert local_thickness(grid).doubt == pytest.approx(0.5)
+
+
+def test_progress_is_told_and_may_cancel():
+    grid, told = grid_of(noise((40, 9, 12), 1)), []
+    local_thickness(grid, progress=lambda what, done: told.append((what, done)))
+    assert {what for what, _ in told} == {"local thickness"}
+    assert [done for _, done in told] == sorted(done for _, done in told)
+    assert told[-1][1] == 1
+
+    def cancel(*_):
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        local_thickness(grid, progress=cancel)
+
+
+def test_results_do_not_depend_on_threads(monkeypatch):
+    grid = grid_of(noise((50, 31, 33), 6, 2), periodic=(True, False, True))
+    found = local_thickness(grid)
+    for count in ("1", "5"):
+        monkeypatch.setenv("POROUS_THREADS", count)
+        assert local_thickness(grid) == found
+
+
+def test_wrong_wishes_are_refused(monkeypatch):
+    grid = grid_of(noise((5, 6, 7), 1))
+    with pytest.raises(GridError, match=r"phase: got 'pores'; did you mean 'pore'"):
+        local_thickness(grid, phase="pores")
+    with pytest.raises(GridError, match="beyond: got 'nothing'; there is unknown, void"):
+        local_thickness(grid, beyond="nothing")
+    full = grid_of(np.ones((5, 6, 7), bool))
+    with pytest.raises(GridError, match="no pore voxel; wanted a body with some"):
+        local_thickness(full)
+    with pytest.raises(GridError, match="all voxels are solid, which ends nowhere"):
+        local_thickness(full, phase="solid", beyond="unknown")
+    everywhere = replace(full, frame=replace(full.frame, periodic=(True, True, True)))
+    with pytest.raises(GridError, match="which ends nowhere"):
+        local_thickness(everywhere, phase="solid")
+    local = local_thickness(grid)
+    with pytest.raises(GridError, match=r"diameters: got shape \(2, 2, 2\)"):
+        replace(local, diameters=np.zeros((2, 2, 2)))
+    with pytest.raises(GridError, match="wanted one of each"):
+        LocalThickness(local.frame, local.diameters, "pore", [1.0], [], 1.0, 1.0)
+    monkeypatch.setenv("POROUS_MAX_MEMORY", "1K")
+    with pytest.raises(MemoryLimitError, match="local thickness of 5 × 6 × 7 voxels"):
+        local_thickness(grid)
