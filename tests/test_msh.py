@@ -73,8 +73,9 @@ def test_gmsh_finds_what_matches_one_period_on(folder, ask):
 
 
 @pytest.mark.judge
+@pytest.mark.filterwarnings("ignore:.*no shifts along an axis:porous.errors.FormatWarning")
 def test_what_gmsh_writes_of_ours_is_the_same_mesh(folder, ask):
-    """Cells of one entity come together in 4.1, so the order of cells is not kept there."""
+    """In 2.2 Gmsh pairs other nodes of quadratic faces than it has read; we say so."""
     kinds = ("tet10", "wed6", "hex8")
     paths = [put(folder, f"there-{k}", s, meshes.body(k)) for k in kinds for s in WRITERS]
     ask("gmsh_mesh", "--back", *paths)
@@ -85,14 +86,12 @@ def test_what_gmsh_writes_of_ours_is_the_same_mesh(folder, ask):
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-@pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "wed6", "mixed"])
+@pytest.mark.parametrize("kind", meshes.KINDS)
 def test_cells_read_back_equal(folder, kind, suffix):
     mesh = meshes.body(kind)
     back = formats.read(put(folder, f"back-{kind}", suffix, mesh))
     assert np.array_equal(back.points, mesh.points)
-    assert meshes.cells_by_nodes(back) == meshes.cells_by_nodes(mesh)
-    if suffix == ".msh2":
-        assert {b.shape: b for b in back.blocks} == {b.shape: b for b in mesh.blocks}
+    assert back.blocks == mesh.blocks
 
 
 def test_scikit_fem_solves_on_named_boundaries(folder):

@@ -458,8 +458,10 @@ def test_groups_of_gmsh_go_into_a_deck_that_the_solver_reads(tmp_path, ask, judg
     }
     with deck.open("a") as more:
         more.write(
-            "*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.\n*SOLID SECTION, ELSET=BELOW, MATERIAL=M\n"
-            "*SOLID SECTION, ELSET=ABOVE, MATERIAL=M\n*STEP\n*STATIC\n*BOUNDARY\nHELD, 1, 3\n"
+            "*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.\n*DENSITY\n1.\n"
+            "*SOLID SECTION, ELSET=BELOW, MATERIAL=M\n"
+            "*SOLID SECTION, ELSET=ABOVE, MATERIAL=M\n*STEP\n*STATIC\n"
+            "*BOUNDARY\nHELD, 1, 3\n"
             "*DLOAD\nBELOW, GRAV, 0., 0., 0., -1.\n*EL PRINT, ELSET=ABOVE, TOTALS=ONLY\nEVOL\n"
             "*END STEP\n"
         )

@@ -167,9 +167,8 @@ class _Text:
     def elements(self, count: int) -> Iterator[tuple[int, Indices, Indices]]:
         words = self.sizes(self.left)
         kinds, tags = words[1:-1], words[2:]
-        nodes = np.zeros(len(kinds), np.int64)
-        for kind, number in NODES.items():
-            nodes[kinds == kind] = number
+        known = np.array([NODES.get(kind, 0) for kind in range(max(NODES) + 1)])
+        nodes = known[np.where((kinds > 0) & (kinds < len(known)), kinds, 0)]
         good = (nodes > 0) & (tags >= 0) & (tags < TAGS)
         steps = np.where(good, 3 + tags + nodes, 0).tolist()  # to the next, if one begins here
         starts, place = array("q"), 0
