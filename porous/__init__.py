@@ -20,10 +20,11 @@ if TYPE_CHECKING:
         RecipeError,
         ViewError,
     )
-    from porous.formats import read, write
+    from porous.formats import read, read_image, write
     from porous.models.bcifs import bcifs
     from porous.models.cifs import cifs
     from porous.models.ifs import CutSet, ifs
+    from porous.models.image import segment
     from porous.models.rough import Skin, rough
     from porous.models.tree import tree
     from porous.models.warp import warp
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         Finer,
         beams,
         branches,
+        clean,
         exact_surface,
         extract_surface,
         hexahedralize,
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
         BeamLattice,
         Box,
         Frame,
+        Image,
         Job,
         Material,
         Measure,
@@ -83,10 +86,11 @@ _HOMES = {
         "RecipeError",
         "ViewError",
     ),
-    "formats": ("read", "write"),
+    "formats": ("read", "read_image", "write"),
     "models.bcifs": ("bcifs",),
     "models.cifs": ("cifs",),
     "models.ifs": ("CutSet", "ifs"),
+    "models.image": ("segment",),
     "models.rough": ("Skin", "rough"),
     "models.tree": ("tree",),
     "models.warp": ("warp",),
@@ -98,6 +102,7 @@ _HOMES = {
         "Finer",
         "beams",
         "branches",
+        "clean",
         "exact_surface",
         "extract_surface",
         "hexahedralize",
@@ -119,6 +124,7 @@ _HOMES = {
         "BeamLattice",
         "Box",
         "Frame",
+        "Image",
         "Job",
         "Material",
         "Measure",
@@ -144,6 +150,7 @@ __all__ = [
     "Frame",
     "GridError",
     "GuestError",
+    "Image",
     "Job",
     "Material",
     "Measure",
@@ -166,6 +173,7 @@ __all__ = [
     "branches",
     "build",
     "cifs",
+    "clean",
     "exact_surface",
     "extract_surface",
     "hexahedralize",
@@ -180,9 +188,11 @@ __all__ = [
     "phase_alone",
     "quadratic",
     "read",
+    "read_image",
     "resume",
     "rough",
     "run",
+    "segment",
     "show",
     "simplify",
     "smooth",
