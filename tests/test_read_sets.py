@@ -324,6 +324,47 @@ def test_groups_of_4_with_cells_in_the_order_of_their_numbers(tmp_path):
     assert found.points[found.blocks[0].cells[0, 0]].tolist() == [0, 0, 0]
 
 
+@pytest.mark.parametrize("size", [4, 8])
+@pytest.mark.parametrize("end", "<>")
+def test_groups_and_pairs_in_binary_of_either_order(tmp_path, end, size):
+    def sizes(*numbers):
+        return np.array(numbers, f"{end}u{size}").tobytes()
+
+    def ints(*numbers):
+        return np.array(numbers, f"{end}i4").tobytes()
+
+    def reals(numbers):
+        return np.array(numbers, f"{end}f8").tobytes()
+
+    box = reals([0, 0, 0, 1, 1, 1])
+    entities = sizes(1, 0, 1, 1) + ints(4) + reals([0, 0, 0]) + sizes(1) + ints(2)
+    entities += ints(5) + box + sizes(1) + ints(-4) + sizes(1) + ints(9)
+    entities += ints(6) + box + sizes(2) + ints(1, 7) + sizes(2) + ints(5, -5)
+    nodes = sizes(1, 12, 11, 22) + ints(3, 6, 0) + sizes(12, *range(11, 23)) + reals(CUBES)
+    elements = sizes(3, 4, 1, 4) + ints(0, 4, 15) + sizes(1, 1, 13)
+    elements += ints(2, 5, 3) + sizes(1, 2, *FACES[3])
+    elements += ints(3, 6, 5) + sizes(2, 4, *HEXES[1], 3, *HEXES[0])
+    links = sizes(1) + ints(2, 5, 5) + sizes(16) + reals(range(16)) + sizes(2, 13, 11, 16, 14)
+    body = b"".join(
+        b"$%s\n%s\n$End%s\n" % (name, some, name)
+        for name, some in (
+            (b"MeshFormat", b"4.1 1 %d\n" % size + ints(1)),
+            (b"PhysicalNames", b'1\n3 7 "seven"'),
+            (b"Entities", entities),
+            (b"Nodes", nodes),
+            (b"Elements", elements),
+            (b"Periodic", links),
+        )
+    )
+    assert members(read(tmp_path, body, ".msh")) == {
+        "seven": ("cells", [0, 1]),
+        "VOLUME_1": ("cells", [0, 1]),
+        "SURFACE_4": ("faces", [[1, 5]]),
+        "POINT_2": ("nodes", [2]),
+        "XPAIRS": ("pairs", [[0, 2], [3, 5]]),
+    }
+
+
 def test_a_face_without_its_cell_and_groups_of_lines_are_left_out(tmp_path):
     elements = [(5, 2, 1, 1, *HEXES[0]), (3, 2, 4, 1, *FACES[4]), (3, 2, 6, 1, *FACES[1])]
     elements += [(1, 2, 3, 1, 11, 12), (15, 2, 5, 1, 13)]
