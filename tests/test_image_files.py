@@ -1,10 +1,13 @@
 """Images in several files: folders of slices, headers with voxels beside them, and what is kept."""
 
 import shutil
+import struct
+import zlib
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
+import pyvista
 import tifffile
 from PIL import Image as Picture
 
@@ -237,3 +240,48 @@ def test_images_of_several_files_are_made_out_of_core_and_resumed(tmp_path, name
     inner.write_bytes(inner.read_bytes() + b"x")
     with pytest.raises(RecipeError):
         is_whole(tmp_path / "out")
+
+
+# --- grey values of single files ---------------------------------------------------------------
+
+
+def test_points_of_vtk_are_centres_of_voxels(tmp_path):
+    data = pyvista.ImageData(dimensions=GREY.shape, spacing=(0.5, 1, 2), origin=(1, 2, 3))
+    data.point_data["ct"] = GREY.ravel(order="F")
+    data.save(tmp_path / "scan.vti")
+    read = formats.read_image(tmp_path / "scan.vti")
+    assert np.array_equal(read.values, GREY)
+    assert (read.spacing, read.origin) == ((0.5, 1, 2), (0.75, 1.5, 2))
+    data.point_data["mask"] = GREY.ravel(order="F")
+    data.save(tmp_path / "scan.vti")
+    with pytest.raises(FormatError, match="arrays of grey values: got 'ct, mask'; wanted one"):
+        formats.read_image(tmp_path / "scan.vti")
+
+
+def test_arrays_of_numpy_by_any_name(tmp_path):
+    np.savez(tmp_path / "scan.npz", ct=GREY[::-1], spacing=[1, 2, 3], unit="cm", origin=[4, 5, 6])
+    read = formats.read_image(tmp_path / "scan.npz")
+    assert np.array_equal(read.values, GREY[::-1])
+    assert (read.spacing, read.origin, read.unit) == ((1, 2, 3), (4, 5, 6), "cm")
+    for bad, said in ({"a": GREY, "b": GREY}, "got 'a, b'"), ({"a": GREY[0]}, "numbers on three"):
+        np.savez(tmp_path / "scan.npz", **bad)
+        with pytest.raises(FormatError, match=said):
+            formats.read_image(tmp_path / "scan.npz")
+
+
+def test_files_that_hold_no_image_are_refused(tmp_path):
+    (tmp_path / "part.stl").write_bytes(b"solid")
+    with pytest.raises(FormatError, match=r"a .stl file holds no image; wanted one of .*\.tif"):
+        formats.read_image(tmp_path / "part.stl")
+
+
+def test_a_picture_of_more_pixels_than_its_bytes_can_be(tmp_path):
+    folder = slices(tmp_path / "scan", GREY)
+    head = struct.pack(">II5B", 60000, 60000, 8, 0, 0, 0, 0)
+    body = b"".join(
+        struct.pack(">I", len(part)) + kind + part + struct.pack(">I", zlib.crc32(kind + part))
+        for kind, part in ((b"IHDR", head), (b"IDAT", zlib.compress(bytes(999))), (b"IEND", b""))
+    )
+    (folder / "scan_0.png").write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    with pytest.raises(FormatError, match="its pixels would take 3600060000 bytes"):
+        formats.read_image(folder)

@@ -114,29 +114,19 @@ class Segmented(Value):
 
     def sample(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
         """Return the mask of each voxel: each point is asked for at its own place."""
-        masks = np.zeros(frame.shape, np.uint64)
-        places = [self._voxels(frame, axis, pattern.rows[:, axis]) for axis in range(2)]
-        for row, depths in enumerate(pattern.depths):
-            deep = self._voxels(frame, 2, depths)
-            (into_x, x), (into_y, y) = (one[row] for one in places)
-            for column, (into_z, z) in enumerate(deep):
-                bit = np.uint64(1) << np.uint64(row * len(depths) + column)
-                found = self.solid[np.ix_(x, y, z)]
-                masks[into_x, into_y, into_z] |= found * bit
-        return masks
+        from porous.kernels.boxes import masks_of
 
-    def _voxels(
-        self, frame: Frame, axis: int, parts: NDArray[np.float64]
-    ) -> list[tuple[slice, NDArray[np.int64]]]:
-        """Return, for places within voxels of a frame, which of those lie where in the image."""
+        x, y = (self._voxels(frame, axis, pattern.rows[:, axis]) for axis in range(2))
+        z = self._voxels(frame, 2, pattern.depths.reshape(-1))
+        return masks_of(self.solid, x, y, z.reshape(*pattern.depths.shape, -1))
+
+    def _voxels(self, frame: Frame, axis: int, parts: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return in which of the image's voxels places within a frame's lie, −1 where in none."""
         steps = frame.start[axis] + np.arange(frame.shape[axis]) + parts[:, None]
         away = frame.origin[axis] - self.lower[axis] + steps * frame.spacing[axis]
-        index = np.floor(away / self.spacing[axis]).astype(np.int64)
-        found = []
-        for line in index:
-            first, last = np.searchsorted(line, (0, self.solid.shape[axis]))
-            found.append((slice(int(first), int(last)), line[first:last]))
-        return found
+        index = np.floor(away / self.spacing[axis])
+        inside = (index >= 0) & (index < self.solid.shape[axis])
+        return np.where(inside, index, -1).astype(np.int64)
 
     def fill(
         self,
