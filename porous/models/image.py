@@ -43,6 +43,8 @@ CLOSE = 1e-6
 """How far, in voxels, a lattice may lie from the image's own and be that."""
 NUDGE = 0.01
 """The part of the range of grey values by which a threshold is moved, to tell what it does."""
+PICTURES = (".png", ".tif", ".tiff")
+"""Suffixes of slices in a folder."""
 SIZES = ("no voxel size", "no distance of layers")
 """What readers say of sizes that are missing; of no use where the recipe says them."""
 REMEDY = 'wanted threshold = "otsu", or a grey value of your own'
@@ -364,7 +366,11 @@ def table_of(path: Path) -> dict[str, Any]:
     """Return the recipe that an image is by itself, without a threshold; empty for other files."""
     from porous.formats import images
 
-    if not path.is_dir() and (path.suffix in ("", ".toml") or path.suffix.lower() not in images()):
+    if path.is_dir():
+        is_image = any(file.suffix.lower() in PICTURES for file in path.iterdir())
+    else:
+        is_image = path.suffix not in ("", ".toml") and path.suffix.lower() in images()
+    if not is_image:
         return {}
     return {"format": 1, "title": path.name, "model": {"kind": KIND, "path": path.name}}
 
