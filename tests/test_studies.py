@@ -271,3 +271,16 @@ def test_trees_bear_and_lead_what_their_page_says():
         assert murray[2] > area[2]
     for law in ("area", "murray"):
         assert trees[f"tree 3, 2, {law}"][2] > trees[f"tree 2, 2, {law}"][2]
+
+
+def test_sizes_are_right_and_two_point_correlation_is_fast():
+    rows = rows_of(ANALYSIS / "results" / "12_sizes_against_porespy.csv")
+    is_speed = "seconds to"
+    right = [row for row in rows if row["wanted"] and is_speed not in row["question"]]
+    assert len(right) == 6 + 3 * 3
+    assert {row["met"] for row in right} == {"yes"}
+    fast = [row for row in rows if row["wanted"] and is_speed in row["question"]]
+    assert len(fast) == 3 * 4
+    for row in fast:
+        if "local thickness: PoreSpy" not in row["question"]:
+            assert "yes" in (row["met"], row["met_by_cores"]), row

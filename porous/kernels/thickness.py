@@ -103,7 +103,10 @@ def _planes(shape: tuple[int, ...]) -> int:
 
 
 def _centres(given: Numbers, weights: Floats, periodic: Axes) -> tuple[NDArray[np.int64], Floats]:
-    """Return where the balls are that no neighbour's ball holds, and their squares, falling."""
+    """Return the balls that no neighbour's ball holds: their squares, falling, and where they are.
+
+    That is the voxel of the centre, and how many voxels the ball reaches along x, int64 (n, 4).
+    """
     largest = float(given.max(initial=0))
     width = max(1.0, math.ceil(largest / CLASSES)) if given.dtype.kind == "i" else largest / 2**16
     table = np.zeros((7, math.ceil(largest / max(width, 1e-300)) + 2))
@@ -118,7 +121,10 @@ def _centres(given: Numbers, weights: Floats, periodic: Axes) -> tuple[NDArray[n
     places = np.flatnonzero(kept)
     radii = given.reshape(-1)[places]
     order = np.argsort(-radii)
-    return source(places[order], np.int64), source(radii[order], np.float64)
+    radii = radii[order].astype(np.float64)
+    wide = np.sqrt(radii * (1 - SLACK) / weights[0])
+    centres = np.stack([*np.unravel_index(places[order], given.shape), wide], axis=1)
+    return source(centres, np.int64), source(radii, np.float64)
 
 
 @kernel
@@ -144,29 +150,38 @@ def _reaches(weights, width, table):
 @kernel
 def _prune(squares, table, width, wraps, kept, first, last):
     nx, ny, nz = squares.shape
+    steps = np.zeros((26, 4), np.int64)  # to neighbours; those across faces come first
+    row = 0
+    for near in range(1, 4):
+        for step in range(27):
+            x, y, z = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
+            if abs(x) + abs(y) + abs(z) == near:
+                steps[row] = x, y, z, 4 * abs(x) + 2 * abs(y) + abs(z) - 1
+                row += 1
     for i in range(first, last):
         for j in range(ny):
+            inner = 0 < i < nx - 1 and 0 < j < ny - 1
             for k in range(nz):
                 radius = squares[i, j, k]
                 if radius == 0:
                     continue
                 b = np.int64(np.ceil(radius / width)) - 1
                 kept[i, j, k] = 1
-                for step in range(27):
-                    x, y, z = i + step // 9 - 1, j + step // 3 % 3 - 1, k + step % 3 - 1
-                    if wraps[0]:
-                        x = x + nx if x < 0 else x - nx if x >= nx else x
-                    if wraps[1]:
-                        y = y + ny if y < 0 else y - ny if y >= ny else y
-                    if wraps[2]:
-                        z = z + nz if z < 0 else z - nz if z >= nz else z
-                    if x < 0 or y < 0 or z < 0 or x >= nx or y >= ny or z >= nz:
-                        continue
+                for row in range(26):
+                    x, y, z = i + steps[row, 0], j + steps[row, 1], k + steps[row, 2]
+                    if not inner or z < 0 or z >= nz:
+                        if wraps[0]:
+                            x = x + nx if x < 0 else x - nx if x >= nx else x
+                        if wraps[1]:
+                            y = y + ny if y < 0 else y - ny if y >= ny else y
+                        if wraps[2]:
+                            z = z + nz if z < 0 else z - nz if z >= nz else z
+                        if x < 0 or y < 0 or z < 0 or x >= nx or y >= ny or z >= nz:
+                            continue
                     other = squares[x, y, z]
                     if other <= radius:
                         continue
-                    v = 4 * (step // 9 != 1) + 2 * (step // 3 % 3 != 1) + (step % 3 != 1)
-                    if table[v - 1, b] < other * (1.0 - SLACK):
+                    if table[steps[row, 3], b] < other * (1.0 - SLACK):
                         kept[i, j, k] = 0
                         break
 
@@ -188,13 +203,13 @@ def _paint(squares, centres, radii, weights, wraps, free, left, out, first, last
     for n in range(len(centres)):
         if total == 0:
             break
+        cx, cy, cz, wide = centres[n]
+        if not wraps[0] and (cx + wide < first * SIDE or cx - wide >= last * SIDE):
+            continue
         radius = out.dtype.type(radii[n])
         most = radii[n] * (1.0 - SLACK)
-        wide = np.int64(np.sqrt(most / weights[0]))
         high = np.int64(np.sqrt(most / weights[1]))
         deep = np.int64(np.sqrt(most / weights[2]))
-        cx, rest = divmod(centres[n], ny * nz)
-        cy, cz = divmod(rest, nz)
         # Along axes that close on themselves there is a ball about every image of the centre.
         x0, x1 = (-((cx + wide) // nx), (nx - 1 + wide - cx) // nx) if wraps[0] else (0, 0)
         y0, y1 = (-((cy + high) // ny), (ny - 1 + high - cy) // ny) if wraps[1] else (0, 0)
@@ -250,10 +265,6 @@ def _paint(squares, centres, radii, weights, wraps, free, left, out, first, last
 def _block(free, corner, centre, most, weights, radius, out):
     # Paint the free voxels of a block that a ball holds; return their number.
     done = 0
-    far = 0.0
-    for a in range(3):
-        gap = max(centre[a] - corner[a], corner[a] + SIDE - 1 - centre[a])
-        far += weights[a] * gap * gap
     for i in range(SIDE):
         if free[i] == 0:
             continue
@@ -261,8 +272,10 @@ def _block(free, corner, centre, most, weights, radius, out):
         plane = most - weights[0] * gap * gap
         if plane < 0.0:
             continue
-        bits = ~np.uint64(0) if far <= most else np.uint64(0)
-        for j in range(SIDE if far > most else 0):
+        bits = np.uint64(0)
+        for j in range(SIDE):
+            if free[i] >> np.uint64(SIDE * j) & np.uint64(255) == 0:
+                continue
             gap = corner[1] + j - centre[1]
             row = plane - weights[1] * gap * gap
             if row < 0.0:
@@ -277,10 +290,15 @@ def _block(free, corner, centre, most, weights, radius, out):
         if bits == 0:
             continue
         free[i] ^= bits
-        for place in range(SIDE * SIDE):
-            if bits >> np.uint64(place) & np.uint64(1):
-                out[corner[0] + i, corner[1] + place // SIDE, corner[2] + place % SIDE] = radius
-                done += 1
+        for j in range(SIDE):
+            line = bits >> np.uint64(SIDE * j) & np.uint64(255)
+            k = 0
+            while line:
+                if line & np.uint64(1):
+                    out[corner[0] + i, corner[1] + j, corner[2] + k] = radius
+                    done += 1
+                line >>= np.uint64(1)
+                k += 1
     return done
 
 
@@ -294,6 +312,16 @@ def _ridge(squares, balls, weights, wraps, walled, found, first, last):
                 if square == 0.0 or balls[i, j, k] >= found[i]:
                     continue
                 depth, lowest = np.sqrt(square), True
+                if 0 < i < shape[0] - 1 and 0 < j < shape[1] - 1 and 0 < k < shape[2] - 1:
+                    # Most are told by the voxels across their faces.
+                    x = max(squares[i - 1, j, k], squares[i + 1, j, k])
+                    y = max(squares[i, j - 1, k], squares[i, j + 1, k])
+                    z = max(squares[i, j, k - 1], squares[i, j, k + 1])
+                    lowest = x < (depth + STEEP * np.sqrt(weights[0])) ** 2
+                    lowest &= y < (depth + STEEP * np.sqrt(weights[1])) ** 2
+                    lowest &= z < (depth + STEEP * np.sqrt(weights[2])) ** 2
+                if not lowest:
+                    continue
                 for x in range(-NEAR, NEAR + 1):
                     for y in range(-NEAR, NEAR + 1):
                         for z in range(-NEAR, NEAR + 1):
