@@ -45,6 +45,8 @@ ALTERNATIVES = (
     ("voxels.voxels", "voxels.spacing", "voxels.per_feature"),
     ("model.digits", "model.maps"),
     ("model.cell", "model.states"),
+    ("simulation.pressure", "simulation.strain"),
+    ("simulation.pressure_drop", "simulation.velocity"),
 )
 """Keys of which a recipe has one: setting one removes the others."""
 
@@ -388,7 +390,8 @@ def _put(table: dict[str, Any], path: str, value: object) -> None:
         for other in group if mine else ():
             if other not in mine:
                 section, _, key = other.partition(".")
-                table.get(section, {}).pop(key, None)
+                if isinstance(there := table.get(section), dict):
+                    there.pop(key, None)
     steps = _steps(path)
     here: Any = table
     for step, below in pairwise(steps):

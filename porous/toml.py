@@ -36,6 +36,8 @@ _OPAQUE = re.compile(
     r"|#[^\n]*",
     re.DOTALL,
 )
+WORD = re.compile(r"(?:\.{0,2}/|[A-Za-z_])[A-Za-z0-9_./-]*")
+"""What ``parse_value`` takes as a string without quotation marks."""
 _BLANKS = str.maketrans("", "", " \t\r")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -67,13 +69,12 @@ def parse_table(text: str, name: str) -> dict[str, Any]:
 
 
 def parse_value(text: str, name: str) -> object:
-    """Return the value that a TOML text says; a bare word is a string. Raises ``RecipeError``."""
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", text) and text not in (
-        "true",
-        "false",
-        "inf",
-        "nan",
-    ):
+    """Return the value that a TOML text says; a bare word is a string. Raises ``RecipeError``.
+
+    A word may be a file's name: letters, digits, ``.``, ``/``, ``_`` and ``-``, first a letter,
+    ``_``, ``/``, ``./`` or ``../``. No number, date or other value of TOML is such a word.
+    """
+    if WORD.fullmatch(text) and text not in ("true", "false", "inf", "nan"):
         return text
     if not text or "\n" in text:
         raise RecipeError(f"{name}: got {shown(text)}; wanted a TOML value")

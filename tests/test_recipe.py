@@ -89,6 +89,24 @@ def test_alternatives_displace_each_other(key, value, gone, before, tmp_path):
     assert all(getattr(voxels, name) is None for name in gone)
 
 
+@pytest.mark.parametrize(
+    ("analysis", "one", "other"),
+    [("compression", "pressure", "strain"), ("flow", "pressure_drop", "velocity")],
+)
+def test_one_load_displaces_the_other(analysis, one, other, tmp_path):
+    for before, after in ((one, other), (other, one)):
+        lines = f'[simulation]\nanalysis = "{analysis}"\n{before} = 0.5\n'
+        section = load(written(tmp_path, lines), set={f"simulation.{after}": 0.25}).simulation
+        assert (getattr(section, before), getattr(section, after)) == (None, 0.25)
+
+
+def test_a_setting_beside_what_is_no_table_is_refused(tmp_path):
+    path = written(tmp_path)
+    path.write_text(f"simulation = 3\n{path.read_text()}")
+    with pytest.raises(RecipeError, match="strain"):
+        load(path, set={"simulation.strain": 0.1, "simulation.stran": 1})
+
+
 def test_maps_displace_digits_and_digits_maps(tmp_path):
     path = written(tmp_path)
     one = [{"matrix": HALF, "translation": [0.0, 0.0, 0.0]}]

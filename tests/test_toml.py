@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 import tomllib
@@ -93,6 +94,12 @@ def test_folders_pipes_and_missing_files_are_refused(tmp_path):
         ("true", True),
         ("steel", "steel"),
         ("marching-cubes", "marching-cubes"),
+        ("m.toml", "m.toml"),
+        ("../materials/steel-2.toml", "../materials/steel-2.toml"),
+        ("/a/b.toml", "/a/b.toml"),
+        ("true.toml", "true.toml"),
+        ("1.5", 1.5),
+        ("-inf", -math.inf),
         ('"a b"', "a b"),
         ("[1, 2.5]", [1, 2.5]),
         ("{ size = 0.2 }", {"size": 0.2}),
@@ -102,7 +109,9 @@ def test_values_are_toml_and_bare_words_strings(text, value):
     assert toml.parse_value(text, "--set x") == value
 
 
-@pytest.mark.parametrize("text", ["", "1 2", "a b", "[1,", "1\nb = 2", "é", "'"])
+@pytest.mark.parametrize(
+    "text", ["", "1 2", "a b", "3.4.5", "1m.toml", "a.b c", ".a", "[1,", "1\nb = 2", "é", "'"]
+)
 def test_values_that_are_not_toml_are_refused(text):
     with pytest.raises(RecipeError, match="--set x"):
         toml.parse_value(text, "--set x")
