@@ -11,8 +11,9 @@ import pytest
 import systems
 
 from porous import load, make
-from porous.errors import MeshError, RecipeError
-from porous.formats import formats
+from porous.errors import GuestError, MeshError, RecipeError
+from porous.formats import formats, inp
+from porous.guests import ccx
 from porous.jobs import SimulationSection, compression, prepare, sections
 from porous.recipe import dump, schema
 from porous.stages import hexahedralize, name_parts
@@ -227,6 +228,39 @@ def test_the_largest_body_swings():
     assert (free.mesh.cells, free.steps[0].held) == (2, ())
     none = prepare(hexes(columns(((2, 2), 1, 3))), sections()["modal"](clamped="ZMIN"))
     assert "no face lies on ZMIN" in none.why_no_step
+
+
+@pytest.mark.judge
+@pytest.mark.parametrize(
+    ("shape", "clamped", "modes"),
+    [
+        ((1, 1, 1), "ZMIN", 2),
+        ((1, 1, 1), "none", 4),
+        ((2, 2, 2), "ZMIN", 10),
+        ((2, 1, 1), "ZMIN", 3),
+    ],
+)
+def test_of_more_modes_than_a_mesh_can_have_those_are_sought_that_can_be_found(
+    judge, shape, clamped, modes
+):
+    mesh = hexes(np.ones(shape, dtype=bool))
+    job = prepare(mesh, sections()["modal"](clamped=clamped, modes=100))
+    assert job.steps[0].modes == modes
+    assert f"{modes} modes in place of 100: the mesh has" in job.note
+    assert len(ccx.solve(inp.write(job), program=judge("ccx")).frequencies) == modes
+    more = replace(job, steps=(replace(job.steps[0], modes=modes + 1),))
+    with pytest.raises(GuestError, match="aupd"):
+        ccx.solve(inp.write(more), program=judge("ccx"))
+    assert not prepare(mesh, sections()["modal"](clamped=clamped, modes=modes)).note
+
+
+def test_a_mesh_that_is_too_coarse_to_swing_has_no_step():
+    mesh = hexes(np.ones((1, 1, 1), dtype=bool))
+    one = mesh.blocks[0].cells[0, 0]
+    others = Part("nodes", np.delete(np.arange(8), one))
+    parts = {**mesh.parts, "ZMIN": others}
+    job = prepare(replace(mesh, parts=parts), sections()["modal"]())
+    assert "3 degrees of freedom, 5 are needed for each mode" in job.why_no_step
 
 
 # ------------------------------------------------------------------ into a folder
