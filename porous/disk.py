@@ -84,8 +84,8 @@ def write_folder(path: str | Path, files: Iterable[tuple[str, Iterable[bytes]]])
         Where something is there already, or the disk refuses.
     """
     target = Path(path)
-    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
-        raise DiskError(f"{path}: is there already; wanted another name, or that out of the way")
+    if why := taken(target):
+        raise DiskError(f"{path}: {why}")
     with staging(target.parent) as stage:
         inner = stage / target.name
         with _refusals(target):
@@ -94,6 +94,26 @@ def write_folder(path: str | Path, files: Iterable[tuple[str, Iterable[bytes]]])
         with _refusals(target):
             inner.replace(target)
             _sync_folder(target.parent)
+
+
+def taken(path: str | Path) -> str:
+    """Return why no new folder can have this name, or nothing where it can.
+
+    Raises
+    ------
+    DiskError
+        Where the disk does not let anybody look.
+    """
+    with _refusals(Path(path)):
+        target = _name(path)
+        if target.is_symlink():
+            return (
+                f"is a link to {target.readlink()}, and no folder is written through a link; "
+                "wanted another name, or that out of the way"
+            )
+        if target.exists() and not (target.is_dir() and not any(target.iterdir())):
+            return "is there already; wanted another name, or that out of the way"
+    return ""
 
 
 def _stage(stage: Path, files: Iterable[tuple[str, Iterable[bytes]]]) -> str:

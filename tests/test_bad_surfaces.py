@@ -117,11 +117,24 @@ def test_a_folder_that_is_there_is_kept(given, capsys, suffix):
     taken = given / f"it{suffix}"
     taken.mkdir()
     (taken / "mine").write_text("precious")
-    refuse(given, capsys, ["convert", source, taken.name], 1, "is there already; wanted another na")
+    refuse(given, capsys, ["convert", source, taken.name], 2, "is there already; wanted another na")
     (taken / "mine").unlink()
     taken.rmdir()
     taken.write_text("a file")
-    refuse(given, capsys, ["convert", source, taken.name], 1, "is there already")
+    refuse(given, capsys, ["convert", source, taken.name], 2, "is there already")
+
+
+@pytest.mark.parametrize("suffix", FOLDERS)
+@pytest.mark.parametrize("there", ["full", "empty", "missing"])
+def test_no_folder_is_written_through_a_link(given, capsys, suffix, there):
+    source = "mesh.vtu" if suffix == ".foam" else "grid.npz"
+    if there != "missing":
+        (given / there).mkdir()
+    if there == "full":
+        (given / there / "mine").write_text("precious")
+    taken = given / f"it{suffix}"
+    taken.symlink_to(there)
+    refuse(given, capsys, ["convert", source, taken.name], 2, f"is a link to {there}")
 
 
 @pytest.mark.parametrize("suffix", [".vti", ".mhd", ".pngs", ".nhdr"])

@@ -10,7 +10,7 @@ import systems
 from foam_judge import check_mesh, openfoam
 
 from porous import formats
-from porous.errors import DiskError, FormatError
+from porous.errors import FormatError
 from porous.formats._foam_mesh import poly_mesh
 from porous.recipe import build, load
 from porous.stages import hexahedralize, mesh_cells, name_parts, voxelize
@@ -265,7 +265,7 @@ def test_the_same_job_gives_the_same_bytes():
 def test_what_is_there_is_not_written_over(tmp_path):
     mesh = hexes(np.ones((2, 1, 1), bool))
     formats.write(mesh, tmp_path / "a.foam")
-    with pytest.raises(DiskError, match="is there already"):
+    with pytest.raises(FormatError, match="is there already"):
         formats.write(mesh, tmp_path / "a.foam")
 
 

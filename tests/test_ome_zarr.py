@@ -10,7 +10,7 @@ import pytest
 from image_cases import SHAPE, first_centre, grey_grid
 
 from porous import formats
-from porous.errors import DiskError
+from porous.errors import FormatError
 from porous.formats import ome_zarr
 from porous.values import Frame, VoxelGrid
 
@@ -79,7 +79,7 @@ def test_a_grid_without_bulk_has_no_labels_and_no_empty_chunk_is_left_out(tmp_pa
 
 def test_a_folder_that_is_there_stays(tmp_path):
     formats.write(grey_grid(), tmp_path / "a.ome.zarr")
-    with pytest.raises(DiskError, match="is there already"):
+    with pytest.raises(FormatError, match="is there already"):
         formats.write(grey_grid(bulk=False), tmp_path / "a.ome.zarr")
     assert (tmp_path / "a.ome.zarr" / "labels").is_dir()
 

@@ -13,7 +13,7 @@ from PIL import Image
 from skimage.io import imread
 
 from porous import formats
-from porous.errors import DiskError
+from porous.errors import FormatError
 from porous.formats import pngs
 from porous.values import Frame, VoxelGrid
 
@@ -123,6 +123,6 @@ def test_the_same_grid_gives_the_same_bytes():
 
 def test_a_folder_that_is_there_stays(written):
     before = (written / "slices.json").read_bytes()
-    with pytest.raises(DiskError, match="is there already"):
+    with pytest.raises(FormatError, match="is there already"):
         formats.write(noise((2, 2, 2)), written)
     assert (written / "slices.json").read_bytes() == before

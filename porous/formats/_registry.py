@@ -227,6 +227,7 @@ def write(value: Value, path: str | Path) -> None:
     form = _find(Path(path))
     try:
         _check_writable(form, value)
+        _check_free(form, path)
         if form.write_files is None:
             assert form.write is not None
             disk.write_bytes(path, form.write(value))
@@ -256,6 +257,12 @@ def _check_writable(form: Format, value: Value) -> None:
         _check_all(form, "elements", (block.shape for block in mesh.blocks), "shapes")
     if isinstance(value, Job):
         _check_all(form, "a step of", (step.procedure for step in value.steps), "procedures")
+
+
+def _check_free(form: Format, path: str | Path) -> None:
+    """Refuse to write a folder where something is: that may be more than we know of."""
+    if form.folder and (why := disk.taken(path)):
+        raise FormatError(why)
 
 
 def _check_all(form: Format, what: str, got: Iterable[str], name: str) -> None:
