@@ -148,7 +148,6 @@ def test_another_analysis_forgets_what_it_does_not_know():
         ({"material": "stele"}, "material: no material 'stele'; did you mean 'steel'"),
         ({"material": "gone.toml"}, 'material: got "gone.toml"; wanted a file, relative'),
         ({"axis": "w"}, 'axis: got "w"; wanted "x", "y" or "z"'),
-        ({"pressure": 1.0, "strain": 0.1}, "got pressure and strain; wanted one of them"),
         ({"strain": 0.0}, "strain: wanted a number but zero"),
         ({"decks": ["doc"]}, "no deck 'doc'"),
         ({"decks": ["foam"]}, "a .foam file cannot hold a step of static; wanted some of .*inp"),
@@ -168,6 +167,13 @@ def test_sections_that_cannot_be_understood(changes, words):
         load("menger", set=given)
     assert caught.value.exit_code == 2
     assert "simulation" in str(caught.value)
+
+
+def test_a_body_is_pressed_or_moved():
+    moved = load("menger", set={"simulation.strain": 0.1}).simulation
+    assert (moved.strain, moved.pressure) == (0.1, None)  # the preset says a pressure
+    with pytest.raises(ValueError, match="got pressure and strain; wanted one of them"):
+        sections()["compression"](pressure=1.0, strain=0.1)
 
 
 def test_a_material_that_lacks_what_is_needed_is_told():

@@ -231,6 +231,19 @@ def test_cases_of_openfoam_are_run_too(tmp_path, judge, analysis, stuff, name, c
     assert record["notes"] == []
 
 
+def test_a_flow_that_is_too_fast_is_told_how_fast_it_is(tmp_path):
+    flow = {"analysis": "flow", "material": "water", "pressure_drop": 1e4}
+    out = made(tmp_path / "out", **{f"simulation.{name}": value for name, value in flow.items()})
+    program = fake(tmp_path, "kill -FPE $$")
+    wanted = (
+        r"wanted a slower flow.*; this one was made for a Reynolds number about [1-9]\S*e\+0\d$"
+    )
+    with pytest.raises(GuestError, match=wanted):
+        po.solve(out, program=program)
+    with pytest.raises(GuestError, match=r"exit code 3$"):
+        po.solve(out, program=fake(tmp_path, "exit 3"))
+
+
 # --- decks of somebody else's --------------------------------------------------------------
 
 

@@ -31,6 +31,8 @@ STEP = re.compile(rb"^\*STEP\b", re.MULTILINE | re.IGNORECASE)
 PAPER = (800, 600)
 """Pixels of the picture."""
 TIME_LIMIT = 3600.0
+SPEED = re.compile(r"Reynolds number about \S+")
+"""In the title of a job of flow."""
 FOAM_VERSION = re.compile(r"Version: +([\w.]+)")
 
 
@@ -347,7 +349,10 @@ def _by_openfoam(
 ) -> Solved:
     begin = time.perf_counter()
     application = program or _application(deck.path)
-    found = openfoam.solve(deck.path, program=program, time_limit=time_limit, watch=watch)
+    try:
+        found = openfoam.solve(deck.path, program=program, time_limit=time_limit, watch=watch)
+    except GuestError as error:
+        raise _with_speed(error, deck) from None
     version_ = FOAM_VERSION.search(found.log)
     solver = {
         "name": "OpenFOAM",
@@ -357,6 +362,14 @@ def _by_openfoam(
     }
     rows = _of_case(deck, found) if deck.is_own else _as_told(found)
     return _solved(deck, rows, None, solver)
+
+
+def _with_speed(error: GuestError, deck: Deck) -> GuestError:
+    """Return the error; where a flow is too fast, with how fast this one was to be."""
+    told = SPEED.search(deck.job.title) if deck.is_own else None
+    if told is None or "slower flow" not in str(error):
+        return error
+    return GuestError(f"{error}; this one was made for a {told[0]}")
 
 
 def _application(path: Path) -> str:
