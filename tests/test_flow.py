@@ -221,6 +221,27 @@ def test_a_recipe_asks_for_flow_and_diffusion():
     assert "Reynolds number about 0.01" in prepare(mesh, sections()["flow"](analysis="flow")).title
 
 
+@pytest.mark.parametrize("sides", ["walls", "slip"])
+@pytest.mark.parametrize("name", ["flow", "diffusion"])
+def test_pores_of_a_mesh_of_both_phases_have_the_walls_of_pores_alone(name, sides):
+    # A pore that leads through, a closed one, and one at a side; lying in the side too.
+    solid = np.ones((4, 5, 3), bool)
+    solid[:, 1, 1] = solid[2, 3, 1] = False
+    solid[:, 0, 0] = False
+    meshes = [mesh_of(solid, (0.2, 0.3, 0.25), phase=phase)[0] for phase in ("pore", "both")]
+    told = {"sides": sides} if name == "flow" else {}
+    alone, cut = (prepare(mesh, sections()[name](analysis=name, **told)) for mesh in meshes)
+    assert alone.title == cut.title
+    assert alone.steps == cut.steps != ()
+    for part in ("WALL", "SKIN", "XMIN_FACES"):
+        assert alone.mesh.parts[part] == cut.mesh.parts[part]
+    pressures, rates = {"XMIN": 1.0, "XMAX": 0.0}, {"XMIN": -1.0, "XMAX": 1.0}
+    _, box = mesh_of(solid, (0.2, 0.3, 0.25))
+    if name == "flow":
+        one, other = (permeability(job, rates, pressures, box) for job in (alone, cut))
+        assert one == other
+
+
 @pytest.mark.parametrize(
     ("name", "given", "words"),
     [

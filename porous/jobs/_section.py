@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from porous import presets
 from porous.errors import MeshError, nearest
 from porous.jobs._material import material, read_material
+from porous.jobs._through import walled
 from porous.models.sections import Section
 from porous.toml import read_table
 from porous.values.volume_topology import extracted
@@ -162,4 +163,4 @@ def _of_phases(mesh: VolumeMesh, names: tuple[str, ...]) -> VolumeMesh:
     chosen = np.zeros(mesh.cells, dtype=bool)
     for name in names:
         chosen[mesh.parts[name].members] = True
-    return mesh if chosen.all() else extracted(mesh, chosen)
+    return mesh if chosen.all() else walled(extracted(mesh, chosen))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from porous.values import Part
+from porous.values.box import SIDES
 from porous.values.units import length_ratio
-from porous.values.volume_topology import bodies, extracted, nodes_of
+from porous.values.volume_topology import bodies, boundary_faces, extracted, nodes_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -15,6 +18,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.values import VolumeMesh
+
+WIDEST = 8
+"""More than any cell has faces."""
+NONE = np.zeros((0, 2), np.int64)
 
 
 class Through(NamedTuple):
@@ -53,17 +60,34 @@ def through(mesh: VolumeMesh, first: str, last: str) -> Through:
     )
 
 
+def walled(mesh: VolumeMesh) -> VolumeMesh:
+    """Return a mesh that was cut down to a phase, with its parts ``SKIN`` and ``WALL`` named anew.
+
+    Where the other phase was, there are walls now.
+    """
+    outer = boundary_faces(mesh)
+    on = _in_sides(mesh, outer)
+    named = {"SKIN": Part("faces", outer[on]), "WALL": Part("faces", outer[~on])}
+    return replace(mesh, parts={**mesh.parts, **named})
+
+
 def wet_area(mesh: VolumeMesh, sides: Iterable[str]) -> float:
-    """Return the area of the walls, and of these sides, in mm²."""
-    names = ["WALL", *(f"{side}_FACES" for side in sides)]
-    members = [mesh.parts[name].members for name in names if name in mesh.parts]
-    if not members:
-        return 0.0
+    """Return the area of all boundary faces that lie in no side, and of these sides, in mm²."""
+    outer = boundary_faces(mesh)
+    members = [outer[~_in_sides(mesh, outer)]]
+    members += [mesh.parts[f"{side}_FACES"].members for side in sides]
     nodes = nodes_of(mesh, np.concatenate(members))
     corners = mesh.points[np.where(nodes < 0, nodes[:, :1], nodes)]
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     area = np.linalg.norm(across, axis=1).sum() / 2
     return float(area * length_ratio(mesh.unit, "mm") ** 2)
+
+
+def _in_sides(mesh: VolumeMesh, members: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell of faces, as (cell, local face), whether they lie in a side of the box."""
+    named = [mesh.parts[name].members for side in SIDES if (name := f"{side}_FACES") in mesh.parts]
+    lying, asked = (rows @ [WIDEST, 1] for rows in (np.concatenate([NONE, *named]), members))
+    return np.isin(asked, lying)
 
 
 def volume(mesh: VolumeMesh) -> float:
