@@ -13,7 +13,7 @@ import systems
 
 from porous import load, make
 from porous.errors import FormatError, GuestError
-from porous.formats import inp, write
+from porous.formats import inp, read, write
 from porous.guests import ccx
 from porous.jobs import compression, material, prepare, results, sections
 from porous.models.boundary import exact_boundary
@@ -158,6 +158,28 @@ def test_names_that_would_be_one_are_refused():
     parts = {name: Part("nodes", np.array([1])) for name in ("grip 1", "GRIP-1", "grip_1")}
     with pytest.raises(FormatError, match="'grip 1' and 'grip_1'"):
         text(VolumeMesh(mesh.points, mesh.blocks, {}, parts))
+
+
+def test_parts_have_their_own_members_whatever_they_are_called(tmp_path):
+    mesh, some = mixed(), np.array([1])
+    count = mesh.cells
+    parts = {
+        "ALL": Part("nodes", np.array([0, 2])),
+        "ALL_1": Part("nodes", np.array([3])),
+        "SOLID": Part("nodes", np.arange(count)),
+        "SOLID_1": Part("cells", np.arange(count - 1)),
+        "ALL_CELLS": Part("faces", np.stack([np.arange(count), np.zeros(count, int)], axis=1)),
+        "ALL_CELLS_2": Part("cells", some),
+    }
+    write(replace(mesh, parts=parts), tmp_path / "a.inp")
+    deck = (tmp_path / "a.inp").read_text()
+    assert "*NODE, NSET=ALL_2\n" in deck
+    assert "*ELSET, ELSET=ALL_CELLS_1\nALL_CELLS_1_1, ALL_CELLS_1_2" in deck
+    found = read(tmp_path / "a.inp").parts
+    assert found.keys() == parts.keys()
+    for name, part in parts.items():
+        assert found[name].kind == part.kind
+        np.testing.assert_array_equal(found[name].members, part.members)
 
 
 def test_an_empty_mesh_is_refused():

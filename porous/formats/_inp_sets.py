@@ -184,7 +184,9 @@ class Sets:
     def _ours(self, cells: int) -> dict[str, Indices]:
         """Take out what only a deck of porous needs, and return its pairs."""
         nodes, elements = self.found["NSET"], self.found["ELSET"]
-        nodes.pop("ALL", None)
+        for card in self.cards:
+            if card.keyword == "NSET" and card.card >= 0:  # all nodes, and one of each tie
+                nodes.pop(card.name, None)
         pairs = {}
         for name in [n.removesuffix(FIRST) for n in nodes if n.endswith(FIRST)]:
             ends = [nodes[n].members() for n in (name + FIRST, name + SECOND) if n in nodes]

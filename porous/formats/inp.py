@@ -10,7 +10,7 @@ https://www.dhondt.de/ccx_2.20.pdf
 
 from __future__ import annotations
 
-from itertools import chain
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,7 +51,8 @@ HEAT = {shape: f"D{name}" for shape, name in ELEMENTS.items()}
 ENDS = ("FIRST", "SECOND")
 """How the names end of the sets that hold the nodes of pairs, in order."""
 
-SOLID, ALL = "SOLID", "ALL_CELLS"
+SOLID, ALL, NODES = "SOLID", "ALL_CELLS", "ALL"
+"""What the sets of all elements and of all nodes are called, where no part has that name."""
 
 
 def write(value: Job | VolumeMesh) -> Iterator[bytes]:
@@ -67,15 +68,16 @@ def write(value: Job | VolumeMesh) -> Iterator[bytes]:
     mesh = value if isinstance(value, VolumeMesh) else value.mesh
     if not mesh.cells:
         raise FormatError("the mesh has no cells; a deck needs at least one")
-    names = _set_names(mesh, job.tied if job else ())
+    names, taken = _set_names(mesh, job.tied if job else ())
     every = _everything(mesh, names)
     deck = Deck(job, names, every) if job else None
     yield from _heading(job, mesh)
-    yield from _nodes(mesh, system_length(job.system) if job else "mm")
+    nodes = next(name for name in _numbered(NODES) if name not in taken)
+    yield from _nodes(mesh, nodes, system_length(job.system) if job else "mm")
     yield from deck.references() if deck else ()
     yield from _elements(mesh, every, HEAT if deck and deck.is_thermal else ELEMENTS)
     for key, part in mesh.parts.items():
-        if not (names[key] == every and len(part.members) == mesh.cells):
+        if part.kind != "cells" or names[key] != every:
             yield from _part(names[key], part, ordered=job is None)
     if deck is not None:
         yield from deck.far()
@@ -95,8 +97,8 @@ def _heading(job: Job | None, mesh: VolumeMesh) -> Iterator[bytes]:
         yield comment(job.note)
 
 
-def _nodes(mesh: VolumeMesh, unit: str) -> Iterator[bytes]:
-    yield b"*NODE, NSET=ALL\n"
+def _nodes(mesh: VolumeMesh, every: str, unit: str) -> Iterator[bytes]:
+    yield lines(f"*NODE, NSET={every}")
     ratio = length_ratio(mesh.unit, unit)
     form = "%d, %.9e, %.9e, %.9e\n"
     for start in range(0, len(mesh.points), SLAB):
@@ -137,19 +139,30 @@ def _part(name: str, part: Part, *, ordered: bool) -> Iterator[bytes]:
 
 
 def _everything(mesh: VolumeMesh, names: Mapping[str, str]) -> str:
-    """Return the name of the set of all elements: SOLID, unless that is a part of them only."""
-    own = [key for key, name in names.items() if name == SOLID and mesh.parts[key].kind == "cells"]
-    if all(len(mesh.parts[key].members) == mesh.cells for key in own):
-        return SOLID
-    return next(
-        name
-        for name in (ALL, *(f"{ALL}_{i}" for i in range(len(names) + 1)))
-        if name not in names.values()
-    )
+    """Return the name of the set of all elements, which no part of some of them has.
+
+    Nor has one the name of a block: that with a number.
+    """
+    cells = {name: key for key, name in names.items() if mesh.parts[key].kind == "cells"}
+    blocks = range(1, len(mesh.blocks) + 1) if len(mesh.blocks) > 1 else ()
+
+    def is_free(name: str) -> bool:
+        own = mesh.parts[cells[name]].members if name in cells else np.arange(mesh.cells)
+        return len(np.unique(own)) == mesh.cells and not any(f"{name}_{i}" in cells for i in blocks)
+
+    return next(name for name in chain((SOLID,), _numbered(ALL)) if is_free(name))
 
 
-def _set_names(mesh: VolumeMesh, tied: Sequence[str]) -> dict[str, str]:
-    """Return the name that each part has in the deck, or refuse two that would be one."""
+def _numbered(name: str) -> Iterator[str]:
+    """Give a name, and for whom it is taken the same with a number."""
+    return chain((name,), (f"{name}_{i}" for i in count(1)))
+
+
+def _set_names(mesh: VolumeMesh, tied: Sequence[str]) -> tuple[dict[str, str], set[str]]:
+    """Return the name that each part has in the deck, or refuse two that would be one.
+
+    And what sets of nodes are called, those of ties too.
+    """
     names = {key: set_name(key) for key in mesh.parts}
     seen: dict[tuple[str, str], str] = {}
     for key, name in names.items():
@@ -161,7 +174,7 @@ def _set_names(mesh: VolumeMesh, tied: Sequence[str]) -> dict[str, str]:
             first = seen.setdefault((kind, one), key)
             if first != key:
                 raise FormatError(f"parts {first!r} and {key!r} would both be {one} in a deck")
-    return names
+    return names, {name for kind, name in seen if kind == "nodes"}
 
 
 FORMAT = Format(
