@@ -101,6 +101,24 @@ def test_names_that_would_be_one_are_refused(stem):
         written(form(stem), VolumeMesh(mesh.points, mesh.blocks, {}, parts))
 
 
+@pytest.mark.parametrize("stem", ["bdf", "cdb", "feb", "k"])
+def test_no_part_has_a_name_of_the_format_itself(stem):
+    mesh = zoo(LINEAR)
+    deck = written(
+        form(stem),
+        VolumeMesh(mesh.points, mesh.blocks, {}, {"all": Part("nodes", np.array([0]))}),
+    )
+    wanted = {
+        "cdb": "CMBLOCK,N_ALL,NODE,       1\n",
+        "feb": '<Nodes name="ALL_1">\n',
+        "bdf": "$ nodes ALL: set 1\n",
+        "k": "*SET_NODE_LIST_TITLE\nALL\n         1\n",
+    }
+    assert wanted[stem] in deck
+    assert deck.count("CMBLOCK,ALL,") == 0
+    assert deck.count('"ALL"') == (stem == "feb")
+
+
 @decks
 def test_an_empty_mesh_is_refused(stem):
     with pytest.raises(FormatError, match="no cells"):

@@ -138,6 +138,7 @@ def deck_of(
     odd: str = "[^A-Z0-9_-]",
     longest: int = 60,
     together: bool = False,
+    reserved: tuple[str, ...] = (),
     most_steps: int | None = None,
 ) -> Deck:
     """Return a job or a bare mesh as a deck has it.
@@ -154,6 +155,8 @@ def deck_of(
         How many characters of a name are kept.
     together
         Whether parts of all kinds share one space of names.
+    reserved
+        Names that mean something else in the format; parts of such names are called ``N_…``.
     most_steps
         How many steps a deck may have.
 
@@ -167,7 +170,8 @@ def deck_of(
     if not mesh.cells:
         raise FormatError("the mesh has no cells; a deck needs at least one")
     _check_steps(job, suffix, most_steps)
-    names = _names(mesh, odd, longest, together=together)
+    called = {key: _name(key, odd, longest, reserved) for key in mesh.parts}
+    names = _distinct(mesh, called, together=together)
     points = mesh.points * length_ratio(mesh.unit, system_length(job.system))
     groups, group = _grouped(job, names)
     return Deck(job, points, names, groups, group)
@@ -209,23 +213,23 @@ def _check_step(step: Step) -> None:
             raise FormatError(f"step {step.name!r}: a modal step holds nodes where they are, at 0")
 
 
-def _names(mesh: VolumeMesh, odd: str, longest: int, *, together: bool) -> dict[str, str]:
-    names: dict[str, str] = {}
+def _distinct(mesh: VolumeMesh, names: dict[str, str], *, together: bool) -> dict[str, str]:
+    """Return the names of parts, or refuse two that would be one."""
     seen: dict[tuple[str, str], str] = {}
     for key, part in mesh.parts.items():
-        names[key] = name = _name(key, odd, longest)
         if part.kind == "pairs" or not len(part.members):
             continue  # such parts are not written
-        first = seen.setdefault(("" if together else part.kind, name), key)
+        first = seen.setdefault(("" if together else part.kind, names[key]), key)
         if first != key:
-            raise FormatError(f"parts {first!r} and {key!r} would both be {name} in a deck")
+            raise FormatError(f"parts {first!r} and {key!r} would both be {names[key]} in a deck")
     return names
 
 
-def _name(text: str, odd: str, longest: int) -> str:
+def _name(text: str, odd: str, longest: int, reserved: tuple[str, ...]) -> str:
     """Return a set's name: capitals, digits and _, a letter first."""
     name = re.sub(odd, "_", text.upper())
-    return (name if re.match("[A-Z]", name) else f"N_{name}")[:longest]
+    is_fine = re.match("[A-Z]", name) and name not in reserved
+    return (name if is_fine else f"N_{name}")[:longest]
 
 
 def _grouped(job: Job, names: dict[str, str]) -> tuple[tuple[Group, ...], Indices]:

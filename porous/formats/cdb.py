@@ -48,12 +48,14 @@ PROPERTIES = {
     "conductivity": "KXX",
     "specific_heat": "C",
 }
+RESERVED = ("ALL", "STAT", "DEFA")
+"""What a component must not be called: ``D,ALL,UX`` holds every node."""
 AXES = ("UX", "UY", "UZ")
 
 
 def write(value: Job | VolumeMesh) -> Iterator[bytes]:
     """Write an archive; of a bare mesh its nodes, elements and components."""
-    deck = deck_of(value, ".cdb", odd="[^A-Z0-9_]", longest=32, together=True)
+    deck = deck_of(value, ".cdb", odd="[^A-Z0-9_]", longest=32, together=True, reserved=RESERVED)
     mesh = deck.mesh
     if max(len(mesh.points), mesh.cells) > MOST:
         raise FormatError(f"{mesh.cells} cells; an archive holds {MOST} at most")

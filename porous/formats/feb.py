@@ -8,6 +8,7 @@ FEBio User Manual 4.0: Free format input; Mesh section; Boundary; Loads.
 
 from __future__ import annotations
 
+from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +36,8 @@ ELEMENTS = {
 FACETS = ("tri3", "tri6", "quad4", "quad8")
 UNITS = {"mm-N-MPa": "mm-N-s", "m-SI": "SI"}
 AXES = "xyz"
+NODES = "ALL"
+"""What the set of all nodes is called, where no part has that name."""
 TOLERANCE = 1e-9
 """How small the change of the last iteration is, relative to all of the displacement."""
 
@@ -102,7 +105,11 @@ def _materials(deck: Deck) -> Iterator[bytes]:
 
 
 def _mesh(deck: Deck, pieces: list[tuple[str, Piece]]) -> Iterator[bytes]:
-    yield lines("<Mesh>", '<Nodes name="ALL">')
+    taken = {name for _, name, _ in deck.parts("nodes")}
+    every = next(
+        name for name in chain((NODES,), (f"{NODES}_{i}" for i in count(1))) if name not in taken
+    )
+    yield lines("<Mesh>", f'<Nodes name="{every}">')
     yield from _numbered("node", deck.points, "%r")
     yield lines("</Nodes>")
     for name, piece in pieces:
