@@ -282,5 +282,6 @@ def test_sizes_are_right_and_two_point_correlation_is_fast():
     fast = [row for row in rows if row["wanted"] and is_speed in row["question"]]
     assert len(fast) == 3 * 4
     for row in fast:
-        if "local thickness: PoreSpy" not in row["question"]:
+        # Of local thickness the page says where it is not as fast as it is wanted.
+        if not row["question"].startswith("local thickness"):
             assert "yes" in (row["met"], row["met_by_cores"]), row
