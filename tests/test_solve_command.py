@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,18 +27,19 @@ from porous.errors import (
     RecipeError,
     ViewError,
 )
-from porous.jobs import material
+from porous.jobs import diffusion, effective_diffusivity, flow, material, permeability
 from porous.recipe import load
+from porous.values import Box, Frame, VoxelGrid
 
 STEEL = material("steel")
 SMALL = {"model.level": 1, "voxels.voxels": 6, "volume.method": "voxel-hex"}
 RESULTS = ["results.json", "results.png", "results.vtu"]
 
 
-def made(folder, **settings):
+def made(folder, *, preset="menger", **settings):
     """Make a folder without its report: that takes most of the time."""
     wanted = {**SMALL, **{name.replace("__", "."): value for name, value in settings.items()}}
-    recipe = load("menger", set=wanted)
+    recipe = load(preset, set=wanted)
     workspace.make(recipe, folder, only="simulation")
     return folder
 
@@ -183,6 +185,52 @@ def test_units_and_load_change_no_modulus(tmp_path, judge):
         modulus["moved", "m-SI"] > modulus["pressed", "m-SI"]
     )  # a rigid side, and energy's bounds
     assert found["moved", "m-SI"]["mean_displacement_x"] == pytest.approx(-0.3)
+
+
+@pytest.mark.usefixtures("blind")
+@pytest.mark.parametrize(
+    ("preset", "analysis", "told", "why"),
+    [
+        ("menger-bent", "compression", {"strain_energy"}, "XMIN is not that of its box"),
+        ("menger-bent", "conduction", {"heat_flow"}, "XMIN is not that of its box"),
+        ("menger-twisted", "conduction", {"heat_flow"}, "fill 0.494 of their box only"),
+        (
+            "menger-cylinder",
+            "compression",
+            {"mean_displacement_z", "strain_energy"},
+            "fill 0.48 of their box only",
+        ),
+    ],
+)
+def test_of_what_is_no_block_no_material_is_told(tmp_path, judge, preset, analysis, told, why):
+    more = {"model.level": 0, "volume.method": "cells", "simulation.analysis": analysis}
+    solved = po.solve(made(tmp_path / "out", preset=preset, **more), program=judge("ccx"))
+    forces = {f"reaction_{axis}" for axis in "xyz"} | {"largest_von_mises_stress"}
+    assert set(values(solved)) - forces == told
+    (note,) = [note for note in solved.notes if "no effective value of a material" in note]
+    assert why in note
+
+
+def test_a_wedge_of_pores_has_no_permeability():
+    """Two sides of the box, the others not: cells that widen along x."""
+    frame = Frame((0, 0, 0), (1.0, 2.0, 3.0), (4, 3, 2))
+    mesh = po.hexahedralize(VoxelGrid.of_solid(np.zeros((4, 3, 2), bool), frame), phase="pore")
+    mesh = po.name_parts(mesh, frame.box)
+    wide = np.where(np.arange(3) == 1, 1 + mesh.points[:, :1] / 8, 1)
+    wedge = replace(mesh, points=mesh.points * wide)
+    rates, pressures = {"XMIN": -2e-9, "XMAX": 2e-9}, {"XMIN": 3.0, "XMAX": 0.0}
+    box = Box.of_points(wedge.points)
+    for mesh_, names in ((wedge, ["flow_rate", "pressure_drop"]), (mesh, 4)):
+        job = flow(mesh_, fluid=material("water"))
+        found = permeability(job, rates, pressures, box if mesh_ is wedge else frame.box)
+        assert [row.name for row in found] == names or len(found) == names
+    job = flow(wedge, fluid=material("water"))
+    found = permeability(job, rates, pressures, box)
+    assert [row.value for row in found] == pytest.approx([2.0, 3e-6])
+    assert permeability(job, rates, pressures, None) == found
+    job = diffusion(wedge, material=material("oxygen-in-water"))
+    (row,) = effective_diffusivity(job, rates, box)
+    assert (row.name, row.value, row.unit) == ("diffusion_rate", pytest.approx(2.0), "mm³/s")
 
 
 @pytest.mark.usefixtures("blind")

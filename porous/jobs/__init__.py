@@ -7,6 +7,7 @@ table of a recipe, a ``SimulationSection`` with ``analysis: Literal["<analysis>"
 """
 
 from porous.jobs._analyses import prepare, section_of, sections
+from porous.jobs._block import why_no_block
 from porous.jobs._compression import compression
 from porous.jobs._diffusion import diffusion, effective_diffusivity
 from porous.jobs._effective import effective
@@ -29,4 +30,5 @@ __all__ = [
     "results",
     "section_of",
     "sections",
+    "why_no_block",
 ]

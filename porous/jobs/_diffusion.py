@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from porous.errors import MeshError
+from porous.jobs._block import why_no_block
 from porous.jobs._section import Axis, MaterialName, SimulationSection, phases
 from porous.jobs._through import through, volume
 from porous.values import Held, Job, Measure, Measures, Step
@@ -98,12 +99,12 @@ def diffusion(
 
 
 def effective_diffusivity(
-    job: Job, rates: Mapping[str, float], box: Box, *, porosity: float = math.nan
+    job: Job, rates: Mapping[str, float], box: Box | None, *, porosity: float = math.nan
 ) -> Measures:
     """Return what a solved job of diffusion says of the pores.
 
     D_eff = J·L / (A·Δc), with J what passes, L and A the box's length along the axis and its area
-    across; τ = D·φ / D_eff.
+    across; τ = D·φ / D_eff. Of what is no block, for its sides do not lie in the box's, J alone.
 
     Parameters
     ----------
@@ -112,13 +113,15 @@ def effective_diffusivity(
     rates
         What leaves through each of the two sides, in m³/s times the unit of the concentration.
     box
-        The whole body, in the mesh's unit.
+        The whole body, in the mesh's unit; none where body and pores fill no box.
     porosity
         φ; by default that of the pores that lead through.
     """
     first, last = (held.part for held in job.steps[0].held)
     low, high = (held.value for held in job.steps[0].held)
     passing = (rates[last] - rates[first]) / 2 * 1e9
+    if box is None or why_no_block(job.mesh, box):
+        return Measures((solved("diffusion_rate", abs(passing), "mm³/s"),))
     length, area = across(box, first, job.mesh.unit)
     inside = volume(job.mesh) / (length * area)
     effective = passing * length / (area * (low - high))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from porous.errors import MeshError
 from porous.guests.ccx import ENERGY, FORCE, HEAT
+from porous.jobs._block import is_flat, why_no_block
 from porous.jobs._diffusion import across
 from porous.values import Measure, Measures
 from porous.values.units import system_ratio
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 LEFT_OUT = "discretisation not included"
 
 
-def effective(job: Job, totals: Sequence[Totals], box: Box, *, how: str = "") -> Measures:
+def effective(job: Job, totals: Sequence[Totals], box: Box | None, *, how: str = "") -> Measures:
     """Return the modulus, or the conductivity, of the block that was solved, along its axis.
 
     Of compression it is E = (F/A) / (u/L), with F the force on the side that is held, A and L the
@@ -32,6 +33,9 @@ def effective(job: Job, totals: Sequence[Totals], box: Box, *, how: str = "") ->
 
     Of conduction it is λ = Q·L / (A·ΔT), with Q what flows.
 
+    Of what is no block, for its sides do not lie in the box's, neither is told: it has no one
+    length and area.
+
     Parameters
     ----------
     job
@@ -39,7 +43,7 @@ def effective(job: Job, totals: Sequence[Totals], box: Box, *, how: str = "") ->
     totals
         Of each step, by quantity and set, in the deck's units.
     box
-        The whole body, in the mesh's unit.
+        The whole body with its pores, in the mesh's unit; none where these fill no box.
     how
         What solved it, for the method; by default finite elements of the mesh's shapes.
 
@@ -50,13 +54,14 @@ def effective(job: Job, totals: Sequence[Totals], box: Box, *, how: str = "") ->
     """
     kinds = dict.fromkeys(block.shape for block in job.mesh.blocks)
     solver = how or f"finite elements {' and '.join(kinds)}"
+    block = None if box is None or why_no_block(job.mesh, box) else box
     rows: list[tuple[str, float, str, str]] = []
     if len(job.steps) == len(totals) == 1 and not job.steps[0].gradient:
         step, found = job.steps[0], totals[0]
         if step.procedure == "static" and _sides(step):
-            rows = list(_modulus(job, found, box))
-        elif step.procedure == "conduction":
-            rows = list(_conductivity(job, found, box))
+            rows = list(_modulus(job, found, block))
+        elif step.procedure == "conduction" and block is not None:
+            rows = list(_conductivity(job, found, block))
     return Measures(
         tuple(
             Measure(
@@ -78,11 +83,10 @@ def _sides(step: Step) -> tuple[str, str] | None:
     return None
 
 
-def _modulus(job: Job, found: Totals, box: Box) -> Iterator[tuple[str, float, str, str]]:
+def _modulus(job: Job, found: Totals, box: Box | None) -> Iterator[tuple[str, float, str, str]]:
     sides = _sides(job.steps[0])
     assert sides is not None
     axis = sides[0][0].lower()
-    length, area = across(box, sides[0], job.mesh.unit)
     reaction = _total(found, FORCE, sides[0])["xyz".index(axis)]
     force = abs(reaction) / system_ratio(job.system, "force")
     energy = _total(found, ENERGY)[0] / system_ratio(job.system, "energy")
@@ -92,8 +96,11 @@ def _modulus(job: Job, found: Totals, box: Box) -> Iterator[tuple[str, float, st
     pressed = [one.pressure for one in job.steps[0].pressed]
     moved = told[0] if told else -math.copysign(2 * energy / force, pressed[0])
     held = f"{sides[0]} held, "
-    yield f"effective_youngs_modulus_{axis}", force / area * length / abs(moved), "MPa", held
-    yield f"mean_displacement_{axis}", moved, "mm", held
+    if box is not None:
+        length, area = across(box, sides[0], job.mesh.unit)
+        yield f"effective_youngs_modulus_{axis}", force / area * length / abs(moved), "MPa", held
+    if told or is_flat(job.mesh, sides[1]):  # a pressure on what is tilted works along other axes
+        yield f"mean_displacement_{axis}", moved, "mm", held
 
 
 def _conductivity(job: Job, found: Totals, box: Box) -> Iterator[tuple[str, float, str, str]]:

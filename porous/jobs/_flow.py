@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from porous.errors import MeshError
+from porous.jobs._block import why_no_block
 from porous.jobs._diffusion import across, solved
 from porous.jobs._section import Axis, MaterialName, SimulationSection, phases
 from porous.jobs._through import through, volume, wet_area
@@ -146,7 +147,7 @@ def flow(
 
 
 def permeability(
-    job: Job, rates: Mapping[str, float], pressures: Mapping[str, float], box: Box
+    job: Job, rates: Mapping[str, float], pressures: Mapping[str, float], box: Box | None
 ) -> Measures:
     """Return what a solved job of flow says of the pores: Darcy's k = μ·(Q/A)·L/Δp.
 
@@ -159,19 +160,25 @@ def permeability(
     pressures
         On these sides, in Pa.
     box
-        The whole body, in the mesh's unit: L is its length along the axis, A its area across.
+        The whole body, in the mesh's unit: L is its length along the axis, A its area across. None
+        where body and pores fill no box.
 
     Returns
     -------
     The permeability in mm² and in darcy, the mean velocity over the whole cross-section (of pores
     and solid), and the Reynolds number ρ·u·d/μ of the mean velocity u in the pores and their
-    hydraulic diameter d.
+    hydraulic diameter d. Of what is no block, for its sides do not lie in the box's: the flow and
+    the drop of the pressure alone.
     """
     fluid = next(iter(job.materials.values()))
     first, last = (side for side in SIDES if side in pressures)
-    length, area = across(box, first, job.mesh.unit)
-    speed = (rates[last] - rates[first]) / 2 * 1e9 / area
+    through_it = (rates[last] - rates[first]) / 2 * 1e9
     drop = (pressures[first] - pressures[last]) * PASCAL
+    if box is None or why_no_block(job.mesh, box):
+        rows = solved("flow_rate", through_it, "mm³/s"), solved("pressure_drop", drop, "MPa")
+        return Measures(rows)
+    length, area = across(box, first, job.mesh.unit)
+    speed = through_it / area
     found = fluid.known("viscosity") * speed * length / drop
     inside = speed * length * area / volume(job.mesh)
     held = {held.part for held in job.steps[0].held}

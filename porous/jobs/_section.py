@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from porous import presets
 from porous.errors import MeshError, nearest
-from porous.jobs._material import material, read_material
+from porous.jobs._material import check_known, material, read_material
 from porous.jobs._through import walled
 from porous.models.sections import Section
 from porous.toml import read_table
@@ -32,9 +32,10 @@ def _known(name: str | Path) -> str | Path:
         return Path(name)
     there = presets.material_names()
     if name not in there:
+        known = nearest(str(name), there)
+        stop = "" if known.endswith("?") else "."
         raise ValueError(
-            f"no material {name!r}{nearest(str(name), there)} A file of your own ends in "
-            f"{presets.SUFFIX}"
+            f"no material {name!r}{known}{stop} A file of your own ends in {presets.SUFFIX}"
         )
     return name
 
@@ -147,7 +148,8 @@ def phases(
         wanted["solid"] = substance(section.material)
     if filling is not None:
         wanted["pore"] = substance(filling)
-    for phase in wanted:
+    for phase, found in wanted.items():
+        check_known(found, section.PROCEDURES)
         if PHASES[phase] not in mesh.parts:
             raise MeshError(
                 f"simulation: the volume mesh has no part {PHASES[phase]}, cells of the {phase}; "

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from porous.pipeline import Progress
     from porous.recipe import Recipe
-    from porous.values import Job
+    from porous.values import Job, Step
 
 SOLVED, FIELDS, PICTURE = RESULTS
 """What is written; the first comes last, and a folder that has it has all."""
@@ -33,6 +33,8 @@ PAPER = (800, 600)
 TIME_LIMIT = 3600.0
 SPEED = re.compile(r"Reynolds number about \S+")
 """In the title of a job of flow."""
+BLOCK = 1e-6
+"""What of a box may be missing where body and pores are said to fill it: rounding."""
 FOAM_VERSION = re.compile(r"Version: +([\w.]+)")
 
 
@@ -46,6 +48,9 @@ class Deck(NamedTuple):
     """Of a deck that is one file."""
     is_own: bool
     """Whether it is what porous writes, byte for byte."""
+    box: Box | None = None
+    """The block that the body fills with its pores, where it does."""
+    why_no_block: str = ""
 
 
 class Solved(NamedTuple):
@@ -196,7 +201,7 @@ def _deck(place: Path) -> Deck:
     if path.suffix == ".inp" and not STEP.search(deck.content):
         why = f": {job.why_no_step}" if job.why_no_step else "; wanted one, as `porous make` writes"
         raise MeshError(f"{path}: has no step{why}")
-    return deck
+    return _with_block(deck) if deck.is_own else deck
 
 
 def _path(place: Path, recipe: Recipe) -> Path:
@@ -245,15 +250,37 @@ def _is_of(content: bytes, chunks: Any) -> bool:
     return place == len(content)
 
 
+def _with_block(deck: Deck) -> Deck:
+    """Return the deck with its box, or why there is none: the model's domain, if it lies within."""
+    from porous.jobs import why_no_block
+    from porous.models.model import HasBulk
+
+    model = build(deck.recipe)
+    of_mesh = Box.of_points(deck.job.mesh.points)
+    inside = model.domain.contains(of_mesh, tolerance=1e-6 * max(model.domain.lengths))
+    box = model.domain if inside else of_mesh
+    why = why_no_block(deck.job.mesh, box)
+    if not why and isinstance(model, HasBulk):
+        share = model.bulk_volume / model.bulk.volume
+        why = "" if share > 1 - BLOCK else f"body and pores fill {share:.3g} of their box only"
+    return deck._replace(box=None if why else box, why_no_block=why)
+
+
 def _notes(deck: Deck) -> Iterator[str]:
     if deck.job.note:
         yield deck.job.note
+    if deck.why_no_block and any(_is_of_block(step) for step in deck.job.steps):
+        yield f"no effective value of a material is told: {deck.why_no_block}"
     if not deck.is_own:
         yield (
             f"{deck.path.name} is not what porous {version('porous')} writes from recipe.toml and "
             f"{deck.path.stem}.vtu: it was edited, or another version wrote it; told is what the "
             "solver printed, in the deck's own units"
         )
+
+
+def _is_of_block(step: Step) -> bool:
+    return step.procedure != "modal" and not step.gradient
 
 
 def _solved(
@@ -303,7 +330,7 @@ def _of_job(deck: Deck, found: ccx.Solution, fields: MeshFields | None) -> Measu
     numbers = [value for step in found.steps for values in step.values() for value in values]
     if not all(map(math.isfinite, (*numbers, *found.frequencies))):
         raise MeshError("got totals that are not finite")
-    rows = effective(job, found.steps, _box(deck)) + results(job, found.steps, found.frequencies)
+    rows = effective(job, found.steps, deck.box) + results(job, found.steps, found.frequencies)
     if fields is not None and "von_mises_stress" in fields.names:
         kinds = " and ".join(dict.fromkeys(block.shape for block in job.mesh.blocks))
         method = f"finite elements {kinds}, greatest at nodes, depends on the mesh"
@@ -331,14 +358,6 @@ def _as_printed(found: ccx.Solution) -> Measures:
             Measure(name, value, "", method, math.nan, "standard", "volume") for name, value in rows
         )
     )
-
-
-def _box(deck: Deck) -> Box:
-    """Return the box that the body fills with its pores: the model's domain, if it lies within."""
-    of_mesh = Box.of_points(deck.job.mesh.points)
-    domain = build(deck.recipe).domain
-    inside = domain.contains(of_mesh, tolerance=1e-6 * max(domain.lengths))
-    return domain if inside else of_mesh
 
 
 # --- OpenFOAM ------------------------------------------------------------------------------
@@ -384,7 +403,7 @@ def _of_case(deck: Deck, found: openfoam.Solution) -> Measures:
     from porous.jobs import effective, effective_diffusivity, permeability
     from porous.values.units import system_ratio
 
-    job, box = deck.job, _box(deck)
+    job, box = deck.job, deck.box
     procedure = job.steps[0].procedure
     if procedure == "flow":
         return permeability(job, found.rates, found.pressures, box)
