@@ -94,8 +94,9 @@ def measure(
     grid
         The grid that a surface or a mesh was made from: uncertainties are then those of that
         detour, caps across periodic axes are no surface, and porosity refers to the grid's bulk
-        where the model has none of its own. A model's own cells are made from no grid. For a
-        model, the grid whose periodicity its closed forms shall have.
+        where the model has none of its own. A model's own cells are made from no grid: it tells
+        only whether they are cut out of a periodic body. For a model, the grid whose periodicity
+        its closed forms shall have.
     tiles, map
         Of a grid: boxes as (start, stop) that fill it, such of its own choice where not given, and
         how a function is called for each of them; see ``fold``. The rows do not depend on them.
@@ -195,7 +196,9 @@ def _mesh_rows(
         return
     census = VolumeCensus(mesh)
     if census.is_body:
-        yield from _cell_rows(census, model)
+        periodic = (False, False, False) if grid is None else grid.frame.periodic
+        rows = {row.name: row for row in _cell_rows(census, model)}
+        yield from _told(rows, periodic)
         return
     total = float(census.volumes.sum())
     if census.method == "tetrahedra" and (model is not None or grid is not None):

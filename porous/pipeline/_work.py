@@ -226,17 +226,19 @@ class Work:
     def fill_volume(self) -> None:
         method = self.recipe.volume.method
         auto = method == "auto"
-        why = self._needs_voxels if auto else ""
+        if auto and self._are_cells_periodic:
+            self.volume = self._periodic_cells()
+        why = self._needs_voxels if auto and self.volume is None else ""
         if why:
             method, auto = "voxel-hex", False
-        if auto or method == "cells":
+        if self.volume is None and (auto or method == "cells"):
             self.volume = self._cells(required=not auto)
         if self.volume is None and (auto or method == "tetwild"):
             self.volume = self._tetrahedra(required=not auto)
         if self.volume is None and (auto or method == "voxel-hex"):
             self.volume = self._hexahedra()
         if why and self.volume is not None:
-            self.notes.append(f"one hexahedron per voxel: {why}")
+            self.notes.append(f"auto took voxel-hex, one hexahedron per voxel: {why}")
         if self.volume is not None:
             self.volume = self._timed("volume", partial(self._refined, self.volume))
 
@@ -248,6 +250,28 @@ class Work:
         if any(self.recipe.voxels.periodic):
             return "opposite sides of a periodic body then have the same nodes"
         return ""
+
+    @property
+    def _are_cells_periodic(self) -> bool:
+        """Whether the model's own cells may be what goes on in copies of itself."""
+        from porous.models.model import HasCells
+
+        how, recipe = self.recipe.voxels, self.recipe
+        alone = how.sampling != "cover" and recipe.clean is None and recipe.phase == "solid"
+        return any(how.periodic) and alone and isinstance(self.model, HasCells)
+
+    def _periodic_cells(self) -> VolumeMesh | None:
+        """Return the model's own cells with their pairs, or None where they do not go on."""
+        from porous.stages import mesh_cells, periodic_pairs
+
+        try:
+            mesh = self._timed("volume", lambda _: mesh_cells(self.model))
+            mesh = periodic_pairs(mesh, axes=self.recipe.voxels.periodic)
+        except (MeshError, ModelError, MemoryLimitError) as error:
+            self.notes.append(f"volume not of the model's cells: {error}")
+            return None
+        self.filled = "cells"
+        return _with_sides(mesh)
 
     def _refined(self, mesh: VolumeMesh, _: Progress | None) -> VolumeMesh:
         """Return the mesh with the sets and the nodes that the recipe wants besides."""
@@ -300,8 +324,8 @@ class Work:
         count = len(surface.triangles)
         if not required and count > TETWILD_TRIANGLES:
             self.notes.append(
-                f"one hexahedron per solid voxel: the surface has {count} triangles; tetrahedra "
-                f"are made unasked up to {TETWILD_TRIANGLES}, beyond with "
+                f"auto took voxel-hex, one hexahedron per solid voxel: the surface has {count} "
+                f"triangles; tetrahedra are made unasked up to {TETWILD_TRIANGLES}, beyond with "
                 'volume.method = "tetwild"'
             )
             return None
@@ -318,7 +342,7 @@ class Work:
         except GuestError as error:
             if required:
                 raise
-            self.notes.append(f"one hexahedron per solid voxel: {error}")
+            self.notes.append(f"auto took voxel-hex, one hexahedron per solid voxel: {error}")
             return None
         self.filled = "surface"
         return name_parts(mesh, self.model.domain)
@@ -386,7 +410,9 @@ class Work:
         of_surface = of_model if self.is_exact else of_grid
         altered = self.surface is not None and any(self.surface.altered)
         of_filled = of_grid if altered else of_surface
-        of_volume = {"cells": of_model, "surface": of_filled, "grid": of_grid}
+        # Cells are made from no grid; but whether they are cut from a periodic body it says.
+        of_cells = of_grid if any(self.recipe.voxels.periodic) else of_model
+        of_volume = {"cells": of_cells, "surface": of_filled, "grid": of_grid}
         # What is known of the model is not of what it was cleaned to.
         yield None if self.is_cleaned else self.model, {"grid": of_grid["grid"]}
         yield of_grid["grid"], of_model
