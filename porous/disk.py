@@ -12,7 +12,7 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from porous.errors import DiskError
+from porous.errors import DiskError, PorousError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -274,9 +274,10 @@ def staging(path: str | Path) -> Iterator[Path]:
             with _refusals(folder):
                 stage.mkdir()
             yield stage
-        except DiskError as error:
+        except PorousError as error:
             # The user knows the folder, not the hidden one inside it.
-            raise DiskError(str(error).replace(str(stage), str(folder))) from None
+            error.args = (str(error).replace(str(stage), str(folder)),)
+            raise
         finally:
             with contextlib.suppress(OSError):  # rmtree ignores errors, but for those of closing
                 shutil.rmtree(stage, ignore_errors=True)

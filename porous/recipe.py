@@ -388,10 +388,9 @@ def _put(table: dict[str, Any], path: str, value: object) -> None:
     for group in ALTERNATIVES:
         mine = [key for key in group if path == key or path.startswith(f"{key}.")]
         for other in group if mine else ():
-            if other not in mine:
-                section, _, key = other.partition(".")
-                if isinstance(there := table.get(section), dict):
-                    there.pop(key, None)
+            section, _, key = other.partition(".")
+            if other not in mine and isinstance(there := table.get(section), dict):
+                there.pop(key, None)
     steps = _steps(path)
     here: Any = table
     for step, below in pairwise(steps):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from porous import disk
-from porous.errors import DiskError
+from porous.errors import DiskError, FormatError
 
 CALLS = ("open", "write", "fsync", "close", "replace", "stat", "mkdir")
 WRITING = ["stat", "open", *["write"] * 3, "fsync", "close", "replace", "open", "fsync", "close"]
@@ -211,6 +211,12 @@ def test_a_folder_staged_and_committed_fails_at_every_call_without_a_trace(tmp_p
     names = failing_until_clean(make, check, os_error("EIO"))
     assert {"open", "write", "fsync", "close", "replace", "mkdir"} <= set(names)
     assert {name: (out / name).read_bytes() for name in names_in(out)} == work
+
+
+def test_nobody_hears_of_the_hidden_folder(tmp_path):
+    with pytest.raises(FormatError) as caught, disk.staging(tmp_path) as stage:
+        raise FormatError(f"{stage / 'hexes.k'}: cannot be")
+    assert str(caught.value) == f"{tmp_path / 'hexes.k'}: cannot be"
 
 
 @pytest.mark.parametrize("name", ["no/such/folder/x.vti", "a\0b.vti", "x" * 300, "/proc/x.vti"])

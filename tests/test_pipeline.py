@@ -8,6 +8,7 @@ import pytest
 
 from porous.errors import Cancelled, GridError, ModelError, RecipeError
 from porous.pipeline import WANTED, run
+from porous.pipeline._rehearsal import rehearse
 from porous.recipe import load, parse
 from porous.values.surface_topology import euler_number
 
@@ -156,3 +157,53 @@ def test_a_surface_may_enclose_the_volume_of_the_fills():
 def test_an_exact_boundary_encloses_its_own_volume():
     with pytest.raises(RecipeError, match="volume: an exact boundary encloses its own"):
         load("menger", set={"surface.method": "exact", "surface.volume": "fills"})
+
+
+MATERIAL = 'title = "mine"\nsource = "me"\n'
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"analysis": "flow", "material": "steel"}, "material steel: has no viscosity"),
+        ({"decks": ["k"]}, "a .k file cannot hold a pressure on faces of quadratic elements"),
+        ({"analysis": "flow", "material": "water"}, r"a \.foam file cannot hold elements hex20"),
+        ({"material": 'youngs_modulus = "210"'}, r"mine\.toml: youngs_modulus: got '210'"),
+        ({"material": 'youngs_modulus = "210 m"'}, r"mine\.toml: youngs_modulus: got '210 m'"),
+        ({"material": 'density = "-1 kg/m3"'}, r"mine\.toml: .*density = .*more than zero"),
+        ({"material": 'density = "1 kg/m3"'}, "material mine: has no youngs_modulus"),
+        ({"material": "steel", "decks": ["k"], "strain": 0.1, "analysis": "modal"}, "strain"),
+        ({"analysis": "homogenisation"}, "has no pairs of nodes XPAIRS"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_before_anything_is_made(
+    given, words, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("porous.pipeline._work.build", lambda _: pytest.fail("work was done"))
+    if "=" in str(given.get("material")):
+        path = tmp_path / "mine.toml"
+        path.write_text(MATERIAL + given["material"])
+        given = {**given, "material": str(path)}
+    with pytest.raises(RecipeError, match=words):
+        run(
+            load(
+                "menger",
+                set=COARSE | {"volume.order": 2} | {f"simulation.{k}": v for k, v in given.items()},
+            )
+        )
+    with pytest.raises(pytest.fail.Exception, match="work was done"):
+        run(load("menger", set=COARSE))
+
+
+@pytest.mark.parametrize("method", ["auto", "cells", "tetwild", "voxel-hex"])
+def test_what_can_be_simulated_in_one_way_is_not_refused(method):
+    # One of tetrahedra and boxes has pairs; a strain is no pressure on a curved face.
+    for values in (
+        {"simulation.strain": 0.1, "simulation.decks": ["k", "bdf", "cdb", "feb"]},
+        {"simulation.analysis": "modal", "simulation.decks": ["bdf"]},
+        {"simulation.analysis": "conduction", "volume.phase": "auto"},
+    ):
+        rehearse(load("menger", set={"volume.method": method, "volume.order": 2, **values}))
+    wanted = {"simulation.analysis": "homogenisation", "voxels.periodic": [True] * 3}
+    if method != "tetwild":
+        rehearse(load("menger", set={"volume.method": method, **wanted}))

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -237,6 +238,25 @@ def write(value: Value, path: str | Path) -> None:
             disk.write_files(Path(path).parent, form.write_files(value, Path(path).name))
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from None
+
+
+def check(value: Value, suffix: str) -> None:
+    """Refuse what ``write`` would refuse to write, for a suffix without its dot; write nothing.
+
+    Raises
+    ------
+    FormatError
+        As ``write``.
+    """
+    form = _find(Path(f"it.{suffix}"))
+    _check_writable(form, value)
+    if form.write_files is not None:
+        pieces = chain.from_iterable(some for _, some in form.write_files(value, f"it.{suffix}"))
+    else:
+        assert form.write is not None
+        pieces = chain(form.write(value))
+    for _ in pieces:
+        pass
 
 
 def _check_writable(form: Format, value: Value) -> None:

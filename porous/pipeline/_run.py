@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from porous.errors import RecipeError, nearest
+from porous.pipeline._rehearsal import rehearse
 from porous.pipeline._result import Result
 from porous.pipeline._stored import Place, StoredWork
 from porous.pipeline._work import Work
@@ -108,6 +109,8 @@ def run_stored(
 
 
 def _through(work: Work, wanted: tuple[str, ...]) -> Result:
+    if "simulation" in wanted:
+        rehearse(work.recipe)
     work.build()
     if "voxels" in wanted:
         work.voxelize()
