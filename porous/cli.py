@@ -67,9 +67,8 @@ Cluster = Annotated[
         "the folder, or local:2 for so many processes here.",
     ),
 ]
-Json = Annotated[
-    bool, Parameter(name="--json", negative="", show_default=False, help="Print JSON.")
-]
+FLAG = Parameter(negative="", show_default=False)
+Json = Annotated[bool, FLAG, Parameter(name="--json", help="Print JSON.")]
 Folder = Annotated[Path, Parameter(name=["--out", "-o"], help="The folder to fill.")]
 
 
@@ -90,9 +89,7 @@ def recipe(
     *,
     values: Values = (),
     voxels: Voxels = None,
-    schema: Annotated[
-        bool, Parameter(negative="", show_default=False, help="Print the JSON Schema of recipes.")
-    ] = False,
+    schema: Annotated[bool, FLAG, Parameter(help="Print the JSON Schema of recipes.")] = False,
 ) -> None:
     """Print a recipe in full (TOML): copy it, edit it, make it."""
     from porous.recipe import dump
@@ -121,9 +118,8 @@ def make(
     ] = None,
     out_of_core: Annotated[
         bool,
+        FLAG,
         Parameter(
-            negative="",
-            show_default=False,
             help="Keep voxels and surface on disk, tile by tile: for more than memory holds. "
             "What is done stays; porous resume goes on with it.",
         ),
@@ -133,10 +129,7 @@ def make(
     ] = None,
     cluster: Cluster = None,
     dry_run: Annotated[
-        bool,
-        Parameter(
-            negative="", show_default=False, help="Say what memory, disk and time it would take."
-        ),
+        bool, FLAG, Parameter(help="Say what memory, disk and time it would take.")
     ] = False,
     as_json: Json = False,
     max_memory: Memory = None,
@@ -210,11 +203,7 @@ def solve(
 
     with limited(max_memory), _Progress() as progress:
         solved = workspace.solve(folder, program=program, time_limit=time_limit, progress=progress)
-    if as_json:
-        print((folder / "results.json").read_text(encoding="utf-8"), end="")
-        return
-    _print_result(solved, every=True)
-    print(f"{folder}: {', '.join(sorted(path.name for path in folder.glob('results.*')))}")
+    _print_made(solved, folder, as_json=as_json, name="results")
 
 
 def _check_chunk(chunk: int | None, *, stored: bool) -> None:
@@ -243,12 +232,16 @@ def _workers(address: str | None) -> Iterator[Map]:
         yield cluster.map
 
 
-def _print_made(made: Result, folder: Path, *, as_json: bool) -> None:
+def _print_made(
+    made: Result | Solved, folder: Path, *, as_json: bool, name: str = "measures"
+) -> None:
     if as_json:
-        print((folder / "measures.json").read_text(encoding="utf-8"), end="")
+        print((folder / f"{name}.json").read_text(encoding="utf-8"), end="")
         return
-    _print_result(made, every=False)
-    print(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+    solved = name == "results"
+    _print_result(made, every=solved)
+    files = folder.glob("results.*" if solved else "*")
+    print(f"{folder}: {', '.join(sorted(path.name for path in files))}")
 
 
 @app.command
@@ -328,6 +321,22 @@ def models() -> None:
 
     told = {kind: sys.modules[part.__module__].__doc__ or "" for kind, part in sections().items()}
     _print_columns([(kind, text.splitlines()[0]) for kind, text in told.items()])
+
+
+@app.command
+def materials(
+    name: Annotated[str | None, Parameter(help="One of them: print it in full (TOML).")] = None,
+) -> None:
+    """List the materials: name, title, what is known; or print one: copy it, edit it."""
+    from porous import presets
+    from porous.toml import read_table
+
+    if name is not None:
+        print(presets.material_path(name).read_text(encoding="utf-8"), end="")
+        return
+    tables = {one: read_table(presets.material_path(one)) for one in presets.material_names()}
+    known = {one: sorted(set(of) - {"title", "source"}) for one, of in tables.items()}
+    _print_columns([(one, of["title"], ", ".join(known[one])) for one, of in tables.items()])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -425,19 +434,11 @@ def _of(source: str) -> Iterator[None]:
         raise ModelError(f"{source}: {error}") from None
 
 
-def _settings(values: Iterable[str], voxels: int | None) -> dict[str, object]:
-    from porous.recipe import assignment
+def _load(source: str, values: Iterable[str], voxels: int | None) -> Recipe:
+    from porous.recipe import assignment, load
 
     chosen = dict(map(assignment, values))
-    if voxels is not None:
-        chosen["voxels.voxels"] = voxels
-    return chosen
-
-
-def _load(source: str, values: Iterable[str], voxels: int | None) -> Recipe:
-    from porous.recipe import load
-
-    return load(source, set=_settings(values, voxels))
+    return load(source, set=chosen if voxels is None else chosen | {"voxels.voxels": voxels})
 
 
 class _Progress:

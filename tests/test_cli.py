@@ -14,7 +14,10 @@ import pytest
 from porous import presets
 from porous.cli import main
 from porous.errors import ViewError
+from porous.jobs import material
+from porous.jobs._material import read_material
 from porous.recipe import dump, load, sections
+from porous.toml import read_table
 from porous.workspace import LAST
 
 FAST = ["--set", "model.level=1", "--voxels", "9", "--set", "volume.method=voxel-hex"]
@@ -45,7 +48,8 @@ def test_help_comes_at_once_and_names_every_command():
             timeout=120,
         )
         seconds.append(time.perf_counter() - begin)
-    for command in ("list", "recipe", "make", "measure", "convert", "show", "formats", "models"):
+    commands = ["list", "recipe", "make", "measure", "convert", "show", "formats", "models"]
+    for command in (*commands, "materials", "solve", "resume"):
         assert f" {command} " in done.stdout
     assert min(seconds) < 0.7
 
@@ -90,6 +94,26 @@ def test_formats_and_models(capsys):
         assert suffix in text
     assert main(["models"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [*sections()]
+
+
+def test_materials_are_listed_with_what_is_known(capsys):
+    assert main(["materials"]) == 0
+    lines = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert tuple(lines) == presets.material_names()
+    assert lines["steel"].split("  ")[0] == "Structural steel"
+    for name, line in lines.items():
+        known = set(line.rpartition("  ")[2].split(", "))
+        given = set(read_table(presets.material_path(name))) - {"title", "source"}
+        assert known == given
+
+
+def test_a_material_is_printed_as_a_file_that_is_read_again(capsys, tmp_path):
+    assert main(["materials", "steel"]) == 0
+    path = tmp_path / "steel.toml"
+    path.write_text(capsys.readouterr().out, encoding="utf-8")
+    assert read_material(path).youngs_modulus == material("steel").youngs_modulus == 210_000
+    assert main(["materials", "stel"]) == 2
+    assert "no material 'stel'; did you mean 'steel'" in capsys.readouterr().err
 
 
 def test_make_ends_with_the_measures_and_says_its_progress_on_stderr(capsys, tmp_path):
