@@ -1,13 +1,15 @@
 """Guests: what they say is heard, and whatever ends the call ends them and their children."""
 
 import os
+import subprocess
+import sys
 import time
 
 import psutil
 import pytest
 
 from porous.errors import Cancelled, GuestError
-from porous.guests.process import run, workplace
+from porous.guests.process import _keeper, run, workplace
 
 
 def shell(script, folder, time_limit=20.0, **options):
@@ -119,3 +121,35 @@ def test_what_was_said_before_the_end_counts(tmp_path):
     with pytest.raises(GuestError, match="printed 3000 bytes, more than the 2000"):
         shell("head -c 3000 /dev/zero", tmp_path, most_said=2000)
     assert len(shell("head -c 2000 /dev/zero", tmp_path, most_said=2000).output) == 2000
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from porous.guests.process import run
+run(["/bin/sh", "-c", "echo $$ > child; exec sleep 60"], name="g", folder=Path(sys.argv[1]),
+    time_limit=60)
+"""
+
+
+@pytest.mark.skipif(not _keeper(), reason="only setpriv binds a guest to us")
+def test_a_guest_dies_with_who_was_killed(tmp_path):
+    porous = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)])
+    try:
+        for _ in range(500):
+            if (tmp_path / "child").exists() and (tmp_path / "child").read_text().strip():
+                break
+            time.sleep(0.02)
+    finally:
+        porous.kill()
+        porous.wait()
+    assert gone(tmp_path / "child")
+
+
+def test_a_program_beside_the_guest_is_found_and_a_broken_one_named(tmp_path):
+    (tmp_path / "own").write_text("#!/bin/sh\necho here\n")
+    with pytest.raises(GuestError, match=r"\./own: permission denied"):
+        run(["./own"], name="guest", folder=tmp_path, time_limit=10)
+    (tmp_path / "own").chmod(0o755)
+    said = run(["./own"], name="guest", folder=tmp_path, time_limit=10)
+    assert said.output == "here\n"
