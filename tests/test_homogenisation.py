@@ -342,6 +342,48 @@ def test_symmetry_says_what_all_cases_say(judge):
     assert "discretisation not included" in every["effective_stiffness_11"].method
 
 
+CUBE = (0.5, 0.5, 0.5)
+
+
+@pytest.mark.parametrize("found", ["stiffness", "conductivity"])
+@pytest.mark.parametrize(
+    ("shape", "spacing", "words"),
+    [
+        ((2, 2, 2), SPACING, "the cell is 1 × 0.5 × 2 mm, no cube"),
+        ((2, 2, 4), CUBE, "the cell is 1 × 1 × 2 mm, no cube"),
+        ((2, 2, 4), (0.5, 0.5, 0.25), "not the same along x, y and z: 16 of 16 elements"),
+    ],
+)
+def test_a_cell_that_is_no_cube_is_not_taken_for_one(shape, spacing, words, found):
+    mesh = periodic(np.ones(shape, dtype=bool), spacing)
+    with pytest.raises(MeshError, match=words) as caught:
+        job_of(mesh, symmetry="cubic", property=found)
+    assert 'wanted simulation.symmetry = "none"' in str(caught.value)
+    assert job_of(mesh, property=found).steps
+
+
+def test_a_carpet_is_no_cube_and_neither_are_layers():
+    carpet = np.ones((3, 3, 3), dtype=bool)
+    carpet[1, 1] = False
+    with pytest.raises(MeshError, match="not the same along x, y and z: 2 of 24"):
+        job_of(periodic(carpet, CUBE), symmetry="cubic", property="conductivity")
+    mesh = periodic(np.ones((2, 2, 2), dtype=bool), CUBE)
+    layers = {"SOLID": Part("cells", np.arange(4)), "PORE": Part("cells", np.arange(4, 8))}
+    with pytest.raises(MeshError, match="not the same along x, y and z: 4 of 8"):
+        job_of(replace(mesh, parts={**mesh.parts, **layers}), symmetry="cubic")
+
+
+@pytest.mark.judge
+def test_what_turns_about_its_diagonal_only_is_told_by_its_stresses(judge):
+    any_ = np.random.default_rng(3).random((4, 4, 4))
+    turned = sum(np.transpose(any_, order) for order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)))
+    solid = turned < 1.7
+    made = {"SOLID": Material("one", 1.0, 0.3)}
+    job = job_of(periodic(solid, CUBE), made, symmetry="cubic")
+    with pytest.raises(MeshError, match=r'differ by .* % of the greatest; wanted .*"none"'):
+        solved(job, judge("ccx"))
+
+
 def test_load_cases_are_in_voigts_order():
     job = job_of(periodic(np.ones((2, 2, 2), dtype=bool)))
     assert [step.name for step in job.steps] == [f"strain-{name}" for name in STRAINS]

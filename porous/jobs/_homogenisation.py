@@ -10,6 +10,7 @@ from pydantic import Field
 
 from porous.errors import MeshError
 from porous.jobs._body import going_on
+from porous.jobs._cubic import check_cubic
 from porous.jobs._section import TwoPhaseSection, phases
 from porous.values import Held, Job, Part, Step
 from porous.values.ties import ties
@@ -50,7 +51,7 @@ class HomogenisationSection(TwoPhaseSection):
     symmetry: Literal["none", "cubic"] = Field(
         default="none",
         description='"none", or "cubic" where the cell has the symmetry of the cube: fewer load '
-        "cases say all",
+        "cases say all; one that has not is refused",
     )
     decks: tuple[Literal["inp"], ...] = Field(
         default=(), strict=False, description='a list of "inp", which alone ties nodes'
@@ -66,7 +67,7 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
     Raises
     ------
     MeshError
-        Where the mesh lacks pairs along an axis.
+        Where the mesh lacks pairs along an axis, and for a cell said to be cubic that is not.
     """
     cells, materials = phases(mesh, section)
     for name in PAIRS:
@@ -81,7 +82,10 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
     found, nodes = going_on(cells, PAIRS, least=2 if elastic else 1)
     if found.why_not:
         return Job(title, cells, materials, why_no_step=found.why_not)
-    pins = Part("nodes", np.unique(ties(found.mesh, PAIRS).root[nodes]))
+    tied = ties(found.mesh, PAIRS)
+    if section.symmetry == "cubic":
+        check_cubic(found.mesh, tied, PAIRS, list(materials))
+    pins = Part("nodes", np.unique(tied.root[nodes]))
     pinned = replace(found.mesh, parts={**found.mesh.parts, PINNED: pins})
     steps = tuple(_strains(section.symmetry) if elastic else _slopes(section.symmetry))
     return Job(title, pinned, materials, steps, note=found.note, tied=PAIRS)

@@ -38,9 +38,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
             {"J/(kg K)": 1e6, "J/kg/K": 1e6, "kJ/(kg K)": 1e9, "J/(g K)": 1e9}
         ),
         "viscosity": MappingProxyType({"Pa s": 1e-6, "mPa s": 1e-9, "cP": 1e-9, "MPa s": 1.0}),
-        "diffusivity": MappingProxyType(
-            {"m2/s": 1e6, "cm2/s": 1e2, "mm2/s": 1.0}
-        ),
+        "diffusivity": MappingProxyType({"m2/s": 1e6, "cm2/s": 1e2, "mm2/s": 1.0}),
     }
 )
 """What one of each unit is in mm, t, s and K, by dimension; as ``_plain`` has them."""

@@ -10,6 +10,7 @@ import numpy as np
 from porous.errors import MeshError
 from porous.formats._deck import FAR, set_name
 from porous.guests.ccx import ENERGY, FORCE, HEAT
+from porous.jobs._cubic import check_stresses
 from porous.jobs._homogenisation import STRAINS
 from porous.values import Measure, Measures
 from porous.values.ties import ties
@@ -52,7 +53,8 @@ def results(job: Job, totals: Sequence[Totals], frequencies: Sequence[float] = (
     Raises
     ------
     MeshError
-        Where there are not as many totals as steps, or one that is needed is missing.
+        Where there are not as many totals as steps, or one that is needed is missing; where the
+        stresses of two load cases are not those of a body with the symmetry of the cube.
     """
     if not frequencies and len(totals) != len(job.steps):
         raise MeshError(f"results: got totals of {len(totals)} steps; wanted {len(job.steps)}")
@@ -147,6 +149,7 @@ def _stiffness(cases: list[str], stress: NDArray[np.float64]) -> NDArray[np.floa
     if len(cases) == len(STRAINS):
         return np.asarray(voigt + voigt.T) / 2
     normal, shear = (voigt[cases.index(case)] for case in ("xx", "yz"))
+    check_stresses(normal, shear)
     stiffness = np.zeros((6, 6))
     stiffness[:3, :3] = normal[1:3].mean()
     np.fill_diagonal(stiffness, [normal[0]] * 3 + [shear[3]] * 3)
