@@ -333,13 +333,17 @@ def _check_own(place: Path, recipe: Recipe) -> None:
 
 
 def _is_there(path: Path) -> bool:
+    return _mode(path) != 0
+
+
+def _mode(path: Path) -> int:
+    """Return what kind of thing is there, as ``stat`` counts kinds; zero where there is nothing."""
     try:
-        path.lstat()
+        return path.lstat().st_mode
     except (FileNotFoundError, NotADirectoryError):
-        return False
+        return 0
     except OSError as error:
         raise _unreadable(path, error) from None
-    return True
 
 
 def _held(path: Path) -> bytes | None:
@@ -558,7 +562,7 @@ def _stale(folder: Path, text: str) -> tuple[str, ...]:
 def _stale_of(folder: Path) -> tuple[str, ...]:
     stale = _known()
     for name in stale:
-        if (folder / name).is_dir():
+        if stat.S_ISDIR(_mode(folder / name)):
             raise RecipeError(
                 f"{folder}: holds a case {name} of another recipe, and maybe results; wanted "
                 "another folder, or that one elsewhere"
