@@ -409,20 +409,23 @@ def _quiet_warnings() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _terminated() -> Iterator[None]:
-    """Let a request to terminate clean up as Ctrl-C does."""
+    """Let a request to terminate, or a terminal that is closed, clean up as Ctrl-C does."""
 
-    def stop(*_: object) -> None:
-        raise SystemExit(128 + signal.SIGTERM)
+    def stop(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
 
+    # Whoever lets us live on without a terminal, as nohup does, has said so.
+    asked = [s for s in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(s) != signal.SIG_IGN]
     try:
-        before = signal.signal(signal.SIGTERM, stop)
+        before = {number: signal.signal(number, stop) for number in asked}
     except ValueError:  # not in the main thread: whoever runs us keeps the signals
         yield
         return
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

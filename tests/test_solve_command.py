@@ -453,7 +453,7 @@ def test_who_loses_patience_may_say_so(out, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_who_is_interrupted_leaves_nothing(out, tmp_path, number):
     program = fake(tmp_path, f"echo $$ > {tmp_path}/begun; sleep 60")
     before = content(out)
