@@ -453,7 +453,7 @@ def _resolved(value: str, folder: Path, where: str, *, folders: bool) -> Path:
         with contextlib.suppress(OSError, ValueError):  # a name too long, a null character
             if place.is_file() or (folders and place.is_dir()):
                 return place.resolve()
-    raise RecipeError(f"{where}: got {shown(value)}; wanted a file, relative to the recipe")
+    raise RecipeError(f"{where}: not found: {shown(value)}; wanted a file, relative to the recipe")
 
 
 def files(recipe: Recipe) -> dict[str, Path]:

@@ -51,7 +51,7 @@ SETTINGS = {
     "unknown primitive": ("model.primitive=teapot", "primitive.*teapot"),
     "no mesh": (
         'model.primitive={ mesh = "none.stl" }',
-        r'model.primitive.mesh: got "none.stl"; wanted',
+        r'model.primitive.mesh: not found: "none.stl"; wanted',
     ),
     "no digits": ("model.digits.keep=[]", "digits"),
     "digit out of range": ("model.digits.keep=[[0, 0, 3]]", r"\[0, 0, 3\]"),

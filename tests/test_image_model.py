@@ -342,7 +342,7 @@ def test_the_file_is_one_of_the_recipe(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"path": "none.tif"}, "model.path: got .*none.tif.*; wanted a file"),
+        ({"path": "none.tif"}, "model.path: not found: .*none.tif.*; wanted a file"),
         ({"phase": "bright"}, 'model.phase: got "bright"; wanted "solid" or "pore"'),
         ({"threshold": "best"}, 'model.threshold: got "best"; wanted a grey value'),
         ({"threshold": [1, 2, 3]}, "model.threshold: got"),

@@ -146,7 +146,7 @@ def test_another_analysis_forgets_what_it_does_not_know():
         ({"analysis": 3}, "analysis: got 3; wanted one of"),
         ({"units": "mm-N"}, 'units: got "mm-N"; wanted "mm-N-MPa" or "m-SI"'),
         ({"material": "stele"}, "material: no material 'stele'; did you mean 'steel'"),
-        ({"material": "gone.toml"}, 'material: got "gone.toml"; wanted a file, relative'),
+        ({"material": "gone.toml"}, 'material: not found: "gone.toml"; wanted a file'),
         ({"axis": "w"}, 'axis: got "w"; wanted "x", "y" or "z"'),
         ({"strain": 0.0}, "strain: wanted a number but zero"),
         ({"decks": ["doc"]}, "no deck 'doc'"),

@@ -688,7 +688,7 @@ def test_meshes_that_are_none_are_refused(tmp_path):
     cases = (
         ({"mesh": "part.vtu", **ROW}, "got both mesh and controls"),
         ({"mesh": "part.vtu", "cell": "tetra", "digits": None}, "mesh: got cell = 'tetra'"),
-        ({"mesh": "none.vtu"}, r"model\.mesh: got .none\.vtu.; wanted a file"),
+        ({"mesh": "none.vtu"}, r"model\.mesh: not found: .none\.vtu.; wanted a file"),
         ({"mesh": "tet.vtu"}, "mesh: tet.vtu: cells: got 1 tet4; wanted hexahedra"),
         ({"mesh": "s.stl"}, "mesh: s.stl holds a SurfaceMesh; wanted hexahedra"),
         ({"mesh": "turned.vtu"}, "folded|do not match"),

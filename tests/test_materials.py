@@ -1,12 +1,14 @@
 """Materials: figures with their units, of the presets and of files of the user's own."""
 
+import numpy as np
 import pytest
 
+from porous import hexahedralize, load, name_parts
 from porous.errors import MeshError, RecipeError
-from porous.jobs import material
-from porous.jobs._material import UNITS, read_material
+from porous.jobs import material, prepare, sections
+from porous.jobs._material import UNITS, check_known, read_material
 from porous.presets import material_names
-from porous.values import Material
+from porous.values import Frame, Material, VoxelGrid
 from porous.values.job import PROPERTIES
 
 
@@ -47,6 +49,7 @@ def test_every_dimension_has_units():
     assert set(UNITS) == set(PROPERTIES.values()) - {"number"}
 
 
+FRAME = Frame((0, 0, 0), (1, 1, 1), (2, 2, 2))
 NUMBERS = ("youngs_modulus", "poissons_ratio", "density")
 GOOD = {
     "title": '"Rubber"',
@@ -79,12 +82,63 @@ def test_units_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("key", "text", "wanted"),
+    [
+        ("conductivity", "53.3 W/(m·K)", 53.3),
+        ("conductivity", "53.3 W/(m⋅K)", 53.3),
+        ("conductivity", "53.3 mW/(mm·K)", 53.3),
+        ("specific_heat", "440 J/(kg·K)", 4.4e8),
+        ("specific_heat", "440 J/(kg*K)", 4.4e8),
+        ("youngs_modulus", "3 N/mm2", 3.0),
+        ("youngs_modulus", "3 N/mm²", 3.0),
+        ("youngs_modulus", "3 kN/mm^2", 3e3),
+        ("youngs_modulus", "3 N/m²", 3e-6),
+        ("density", "7850 kg/m³", 7.85e-9),
+        ("density", "7850 kg/m^3", 7.85e-9),
+        ("viscosity", "1 mPa·s", 1e-9),
+        ("diffusivity", "2e-9 m²/s", 2e-3),
+    ],
+)
+def test_signs_of_products_and_powers_are_read(tmp_path, key, text, wanted):
+    made = read_material(written(tmp_path, **{key: f'"{text}"'}))
+    assert getattr(made, key) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_materials_that_are_not_there_are_told_in_sentences():
+    with pytest.raises(RecipeError, match=r"no material 'zzz'; there is .*, water\. A file"):
+        load("menger", set={"simulation.material": "zzz"})
+    with pytest.raises(RecipeError, match=r"did you mean 'steel'\? A file of your own ends in"):
+        load("menger", set={"simulation.material": "stele"})
+    with pytest.raises(RecipeError, match=r'not found: "gone\.toml"; wanted a file'):
+        load("menger", set={"simulation.material": "gone.toml"})
+
+
+def test_what_a_material_lacks_others_have():
+    steel, water = material("steel"), material("water")
+    check_known(water, ("flow",))
+    with pytest.raises(
+        MeshError, match=r"steel: has no viscosity; it has .*; wanted one of"
+    ) as told:
+        check_known(steel, ("flow",))
+    others = str(told.value).partition("wanted one of ")[2]
+    assert others == "air, water, or a file of your own"
+    pores = name_parts(
+        hexahedralize(VoxelGrid.of_solid(np.zeros((2, 2, 2), bool), FRAME), phase="pore"), FRAME.box
+    )
+    with pytest.raises(MeshError, match="wanted one of air, water"):
+        prepare(pores, sections()["flow"](analysis="flow", material="steel"))
+    check_known(water, ("static", "conduction"))  # it does for one of them
+    with pytest.raises(MeshError, match=r"has no youngs_modulus.*wanted one of .*pla.*steel"):
+        check_known(water, ("static",))
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"youngs_modulus": '"3.5 gigapascal"'}, "youngs_modulus: got '3.5 gigapascal'.*GPa"),
         ({"youngs_modulus": "3.5"}, "youngs_modulus"),
         ({"youngs_modulus": '"stiff GPa"'}, "youngs_modulus"),
-        ({"youngs_modulus": '"-1 GPa"'}, "youngs_modulus = .*more than zero"),
+        ({"youngs_modulus": '"-1 GPa"'}, "youngs_modulus = '-1 GPa'; wanted more than zero"),
         ({"youngs_modulus": '"nan GPa"'}, "youngs_modulus = .*more than zero"),
         ({"density": '"7850"'}, "density.*kg/m3"),
         ({"poissons_ratio": "0.5"}, "between −1 and 0.5"),
@@ -97,7 +151,7 @@ def test_units_are_read(tmp_path):
         ({"conductivity": '"50 W/(m F)"'}, r"conductivity.*W/\(m K\)"),
         ({"specific_heat": '"440 J"'}, r"specific_heat.*J/\(kg K\)"),
         ({"viscosity": '"1 Pa"'}, "viscosity.*mPa s"),
-        ({"diffusivity": '"0 m2/s"'}, "diffusivity = 0.*more than zero"),
+        ({"diffusivity": '"0 m2/s"'}, "diffusivity = '0 m2/s'.*more than zero"),
         ({"density": "[1"}, "cannot be read"),
     ],
 )
