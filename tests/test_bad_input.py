@@ -312,7 +312,7 @@ def test_an_interrupt_halfway_leaves_nothing(stage, stop, folder):
     [
         pytest.param(100, marks=pytest.mark.slow),
         20_000,
-        pytest.param(60_000, marks=pytest.mark.slow),
+        pytest.param(60_000, marks=[pytest.mark.slow, pytest.mark.nightly]),
     ],
 )
 def test_a_full_disk(limit, folder, tmp_path_factory):

@@ -86,6 +86,7 @@ def test_another_strip_through_a_tunnel_would_cross():
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_the_table_follows_from_the_rules():
     points = naive.places(naive.parameters())
     assert [naive.packed(naive.derive(case, points)) for case in ALL] == list(CASES)

@@ -28,6 +28,8 @@ CELLS = (
     "junction-sponge",
 )
 PRESSED = tuple(name for name in CELLS if not name.startswith("sierpinski"))
+LONG = ("menger-twisted", "menger-rough", "menger-arch")
+"""Those of many cells, beside others of their kind."""
 RESOLUTIONS = 30, 60, 120
 
 
@@ -78,7 +80,10 @@ def test_a_made_folder_certifies_itself(name, tmp_path):
 
 @pytest.mark.judge
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PRESSED)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.nightly] if name in LONG else []) for name in PRESSED],
+)
 def test_the_deck_of_a_preset_runs_as_written(name, judge, tmp_path):
     result = po.make(po.load(name), tmp_path / name)
     deck = (tmp_path / name / "cells.inp").read_bytes()

@@ -183,9 +183,13 @@ def test_tetrahedra_are_thought_of_as_the_pipeline_does():
         ("koch-cube", {"voxels.voxels": 200}),
         ("vicsek-9", {"voxels.voxels": 250}),
         pytest.param(
-            "menger", {"model.level": "limit", "voxels.voxels": 162}, marks=pytest.mark.slow
+            "menger",
+            {"model.level": "limit", "voxels.voxels": 162},
+            marks=[pytest.mark.slow, pytest.mark.nightly],
         ),
-        pytest.param("fern", {"voxels.spacing": 0.04}, marks=pytest.mark.slow),
+        pytest.param(
+            "fern", {"voxels.spacing": 0.04}, marks=[pytest.mark.slow, pytest.mark.nightly]
+        ),
     ],
 )
 def test_a_trial_tells_solid_voxels_and_triangles(preset, change):
@@ -304,7 +308,13 @@ CUBES = {"surface.method": "marching-cubes"}
             marks=pytest.mark.nightly,
         ),
         ("menger", {"model.level": 3, "voxels.voxels": 420}, {"voxels.voxels": 20}, "voxels"),
-        ("sierpinski-tetrahedron", {"voxels.voxels": 420}, {"voxels.voxels": 20}, "measures"),
+        pytest.param(
+            "sierpinski-tetrahedron",
+            {"voxels.voxels": 420},
+            {"voxels.voxels": 20},
+            "measures",
+            marks=pytest.mark.nightly,
+        ),
         pytest.param(
             "menger-bent",
             {"voxels.voxels": 600},
@@ -313,7 +323,13 @@ CUBES = {"surface.method": "marching-cubes"}
             marks=pytest.mark.nightly,
         ),
         ("koch-cube", {"voxels.voxels": 200}, {"voxels.voxels": 20}, "measures"),
-        ("fern", {"voxels.spacing": 0.04}, {"voxels.spacing": 0.3}, "measures"),
+        pytest.param(
+            "fern",
+            {"voxels.spacing": 0.04},
+            {"voxels.spacing": 0.3},
+            "measures",
+            marks=pytest.mark.nightly,
+        ),
     ],
 )
 def test_the_peak_of_memory_stays_below_what_is_said(preset, change, small, only):

@@ -50,7 +50,9 @@ def test_menger_is_exact(level):
     assert len(surface.triangles) == round(2 * area * 9**level)
 
 
-@pytest.mark.parametrize("level", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "level", [1, 2, pytest.param(3, marks=[pytest.mark.slow, pytest.mark.nightly])]
+)
 def test_jerusalem_is_certain_in_any_order(level):
     maps = systems.jerusalem_maps()
     k = 2**0.5 - 1

@@ -392,6 +392,7 @@ class Slotted:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_more_than_an_int32_of_solid_voxels_are_counted_one_by_one():
     shape = (1301, 1302, 1303)
     size, slot = 1301 * 1302 * 1303, 2 * (1301 - 6)

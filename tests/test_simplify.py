@@ -79,7 +79,7 @@ def test_a_shell_would_cross_itself_if_nothing_was_asked(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("every", [10, pytest.param(1, marks=pytest.mark.nightly)])
 def test_none_of_a_hundred_simplified_surfaces_crosses_itself(every):
     bodies = 0
     chosen = itertools.islice(hundred(), 0, None, every)
@@ -91,7 +91,7 @@ def test_none_of_a_hundred_simplified_surfaces_crosses_itself(every):
 
 @pytest.mark.slow
 def test_both_steps_leave_no_crossings():
-    for before in itertools.islice(hundred(), 0, None, 5):
+    for before in itertools.islice(hundred(), 0, None, 10):
         assert crossings(po.simplify(po.smooth(before, iterations=5), keep=0.3)) == 0
 
 

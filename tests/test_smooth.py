@@ -109,7 +109,7 @@ def test_no_smoothed_body_crosses_itself(fill):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.nightly)])
 def test_none_of_a_hundred_smoothed_surfaces_crosses_itself(every):
     bodies = 0
     chosen = itertools.islice(hundred(), 0, None, every)

@@ -399,9 +399,10 @@ def test_no_tetrahedra_and_flat_ones_are_told(monkeypatch):
 
 
 @pytest.mark.slow
-def test_exact_menger_3_three_times():
+@pytest.mark.parametrize("times", [1, pytest.param(3, marks=pytest.mark.nightly)])
+def test_exact_menger_3_more_than_once(times):
     surface = exact_boundary(systems.digits(3, systems.MENGER), named("cube"), 3)
-    for _ in range(3):
+    for _ in range(times):
         mesh = tetrahedralize(surface)
         assert smallest_dihedral(mesh) > 8
         assert (mesh.volumes > 0).all()
