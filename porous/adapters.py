@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.values.value import Value
+
     Indices = NDArray[np.int64]
 
 CUBIC = 1e-9
@@ -45,6 +47,13 @@ SKFEM_CORNERS = {
     "wed6": (0, 1, 2, 3, 4, 5),
 }
 """The corner of ours that each of scikit-fem's is: its hexahedra begin at (1, 1, 1)."""
+
+MAKERS: dict[type[Value], str] = {
+    VoxelGrid: "voxelize(model, voxels=64)",
+    SurfaceMesh: "extract_surface(grid)",
+    VolumeMesh: "hexahedralize(grid)",
+}
+"""What makes one of each kind."""
 
 SKFEM_MESHES = {
     "tet4": "MeshTet1",
@@ -84,7 +93,10 @@ def to_porespy(grid: VoxelGrid) -> PorespyImage:
     ------
     GridError
         For voxels that are no cubes: PoreSpy knows one length only.
+    TypeError
+        For a value of another kind.
     """
+    _check_kind("to_porespy", grid, VoxelGrid)
     h = grid.frame.spacing
     if max(h) - min(h) > CUBIC * max(h):
         raise GridError(
@@ -110,7 +122,10 @@ def to_taufactor(grid: VoxelGrid, axis: Literal["x", "y", "z"] = "x") -> Taufact
     ------
     GridError
         For another axis.
+    TypeError
+        For a value of another kind.
     """
+    _check_kind("to_taufactor", grid, VoxelGrid)
     if axis not in ("x", "y", "z"):
         raise GridError(f"to_taufactor: got axis {axis!r}; wanted x, y or z")
     first = "xyz".index(axis)
@@ -130,8 +145,11 @@ def to_trimesh(surface: SurfaceMesh) -> Any:
     ------
     GuestError
         Where trimesh is not installed.
+    TypeError
+        For a value of another kind.
     """
     _need("trimesh")
+    _check_kind("to_trimesh", surface, SurfaceMesh)
     import trimesh
 
     mesh = trimesh.Trimesh(
@@ -247,8 +265,11 @@ def to_skfem(mesh: VolumeMesh) -> Any:
         Where scikit-fem is not installed.
     MeshError
         For elements of several shapes, or none.
+    TypeError
+        For a value of another kind.
     """
     _need("skfem", "scikit-fem")
+    _check_kind("to_skfem", mesh, VolumeMesh)
     import skfem
 
     shapes = sorted({block.shape for block in mesh.blocks if len(block.cells)})
@@ -322,6 +343,14 @@ def _triquadratic(
     more = len(points) + faces.reshape(6, -1).T
     centres = len(points) + len(first) + np.arange(len(cells))[:, None]
     return places, np.concatenate([cells, more, centres], axis=1)
+
+
+def _check_kind(what: str, value: object, kind: type[Value]) -> None:
+    if not isinstance(value, kind):
+        raise TypeError(
+            f"{what}: got a {type(value).__name__}; wanted a {kind.__name__}: {MAKERS[kind]} makes "
+            "one"
+        )
 
 
 def _need(module: str, package: str = "") -> None:

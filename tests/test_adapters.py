@@ -402,3 +402,29 @@ def test_a_package_that_is_not_there_is_named(monkeypatch, name, module, package
     monkeypatch.setattr(adapters, "find_spec", lambda one: None if one == module else find(one))
     with pytest.raises(GuestError, match=f"{package} is not installed; wanted pip install"):
         getattr(po, name)(surface)
+
+
+@pytest.mark.parametrize(
+    ("adapter", "kind", "maker"),
+    [
+        ("to_porespy", "VoxelGrid", r"voxelize\("),
+        ("to_taufactor", "VoxelGrid", r"voxelize\("),
+        ("to_trimesh", "SurfaceMesh", r"extract_surface\(grid\)"),
+        ("to_skfem", "VolumeMesh", r"hexahedralize\(grid\)"),
+    ],
+)
+def test_values_of_another_kind_are_refused_in_one_line(adapter, kind, maker):
+    grid = noise()
+    others = {
+        "VoxelGrid": grid,
+        "SurfaceMesh": po.extract_surface(grid),
+        "VolumeMesh": po.hexahedralize(grid),
+        "dict": {},
+    }
+    for name, value in others.items():
+        if name != kind:
+            words = rf"^{adapter}: got a {name}; wanted a {kind}: {maker}.* makes one$"
+            with pytest.raises(TypeError, match=words):
+                getattr(po, adapter)(value)
+    with pytest.raises(TypeError, match=r"^to_pyvista: got a dict; wanted VoxelGrid, SurfaceMesh"):
+        po.to_pyvista({})
