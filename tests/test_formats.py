@@ -247,6 +247,22 @@ def test_a_format_that_is_only_written(tmp_path, monkeypatch):
         formats.read(tmp_path / "a.deck")
 
 
+def test_messages_name_the_suffix_that_was_asked_for(tmp_path):
+    """Of two suffixes of a format the first names its module, whoever asks for the second."""
+    (tmp_path / "x.nas").write_bytes(b"")
+    with pytest.raises(FormatError, match=r"x\.nas: \.nas files are written, not read"):
+        formats.read(tmp_path / "x.nas")
+    with pytest.raises(FormatError, match=r"a \.nas file cannot hold a SurfaceMesh"):
+        formats.write(SurfaceMesh(np.zeros((0, 3)), np.zeros((0, 3), int)), tmp_path / "x.nas")
+    with pytest.raises(FormatError, match=r"x\.NAS: \.nas files are written"):
+        formats.read(tmp_path / "x.NAS")
+    for form in formats.formats():
+        for suffix in form.suffixes:
+            found = _registry._find(tmp_path / f"x{suffix}")
+            assert (found.suffix, set(found.suffixes)) == (suffix, set(form.suffixes))
+            assert found.name == form.name
+
+
 def test_a_second_suffix_finds_its_format(tmp_path, monkeypatch):
     twice = _registry.Format("Stack", (".tif", ".tiff"), VoxelGrid, lambda _: noise())
     monkeypatch.setattr(_registry, "_stems", lambda: ["tif"])

@@ -24,7 +24,7 @@ file puts the path before.
 from __future__ import annotations
 
 import pkgutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
@@ -302,13 +302,15 @@ def _plain(error: Exception) -> str:
 
 
 def _find(path: Path) -> Format:
+    """Return the format of a name; the suffix that it was found by is its first."""
     for suffix in ("".join(path.suffixes[-2:]).lower(), path.suffix.lower()):
         stem = suffix[1:].replace(".", "_")
         if (stem := SPELLED.get(stem, stem)) in _stems():
             return _load(stem)
     known = {s: form for form in formats() for s in form.suffixes}
     if suffix in known:
-        return known[suffix]
+        form = known[suffix]
+        return replace(form, suffixes=tuple(dict.fromkeys((suffix, *form.suffixes))))
     alike = [other for other in sorted(known) if other[:2] == suffix[:2]]
     near = get_close_matches(suffix, alike, n=1)
     hint = f"did you mean {near[0]}? There are" if near else "there are"
