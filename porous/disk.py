@@ -6,6 +6,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 TEMPORARY = ".porous-"
 """How the names of unfinished files begin; they stand beside the file that they will become."""
+STAGE = re.compile(re.escape(TEMPORARY) + "[0-9a-f]{16}")
+LOOK = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+"""How a folder is opened to be locked: itself, not what a link stands for."""
 CANNOT_SYNC = (errno.EINVAL, errno.ENOTSUP)
 """What file systems answer that cannot put a folder on the platter."""
 CANNOT_LOCK = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.ENOLCK, errno.EBADF)
@@ -261,7 +265,8 @@ def staging(path: str | Path) -> Iterator[Path]:
     """Give a hidden folder inside ``path`` to fill; on leaving it is gone, whatever happened.
 
     ``path`` is created where it is missing, and removed again where the work fails, so that
-    nothing is left behind. ``commit`` moves what was staged into place.
+    nothing is left behind. ``commit`` moves what was staged into place. Hidden folders that the
+    killed have left there go; those of the living are locked and stay.
 
     Raises
     ------
@@ -269,10 +274,10 @@ def staging(path: str | Path) -> Iterator[Path]:
         At once where nothing can be written there; later for files that the disk refuses.
     """
     with folder_for(path) as folder:
-        stage = folder / f"{TEMPORARY}{secrets.token_hex(8)}"
+        with _refusals(folder):
+            _sweep_dead(folder)
+            stage, handle = _new_stage(folder)
         try:
-            with _refusals(folder):
-                stage.mkdir()
             yield stage
         except PorousError as error:
             # The user knows the folder, not the hidden one inside it.
@@ -281,6 +286,58 @@ def staging(path: str | Path) -> Iterator[Path]:
         finally:
             with contextlib.suppress(OSError):  # rmtree ignores errors, but for those of closing
                 shutil.rmtree(stage, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                os.close(handle)
+
+
+def _new_stage(folder: Path) -> tuple[Path, int]:
+    """Make a hidden folder, and lock it for as long as the handle is open: while we live."""
+    stage = folder / f"{TEMPORARY}{secrets.token_hex(8)}"
+    stage.mkdir()
+    try:
+        handle = _locked_for_good(stage)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            stage.rmdir()
+        raise
+    # Before the lock was on it somebody may have taken it for one that the dead have left.
+    return (stage, handle) if handle is not None else _new_stage(folder)
+
+
+def _locked_for_good(stage: Path) -> int | None:
+    """Return a handle of a folder with a lock on it; None where the folder is gone by then."""
+    try:
+        handle = os.open(stage, LOOK)
+    except FileNotFoundError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    except OSError as error:
+        if error.errno not in CANNOT_LOCK:  # where there are no locks, nobody sweeps
+            os.close(handle)
+            raise
+    try:
+        if stage.exists():
+            return handle
+    except BaseException:
+        os.close(handle)
+        raise
+    os.close(handle)
+    return None
+
+
+def _sweep_dead(folder: Path) -> None:
+    """Remove the stages of those that were killed: nobody has a lock on them any more."""
+    for left in folder.glob(f"{TEMPORARY}*"):
+        if not STAGE.fullmatch(left.name):
+            continue
+        with contextlib.suppress(OSError):  # in use, no folder, not ours to remove
+            handle = os.open(left, LOOK)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(left, ignore_errors=True)
+            finally:
+                os.close(handle)
 
 
 def commit(stage: Path, folder: str | Path, *, last: str, stale: Iterable[str] = ()) -> None:

@@ -200,8 +200,11 @@ def test_a_folder_staged_and_committed_fails_at_every_call_without_a_trace(tmp_p
 
     def check(raised, names):
         there = [n for n in names_in(out) if n in work] if out.exists() else []
-        assert isinstance(raised, DiskError)
-        assert disk.TEMPORARY not in str(raised)
+        if raised is None:  # nothing was written through the handle of the lock
+            assert (names[-1], there) == ("close", sorted(work))
+        else:
+            assert isinstance(raised, DiskError)
+            assert disk.TEMPORARY not in str(raised)
         # The file that says "whole" comes last, and nothing comes before the commit.
         assert "measures.json" not in there or there == sorted(work)
         assert not there or names.count("replace") > len(work)
@@ -211,6 +214,41 @@ def test_a_folder_staged_and_committed_fails_at_every_call_without_a_trace(tmp_p
     names = failing_until_clean(make, check, os_error("EIO"))
     assert {"open", "write", "fsync", "close", "replace", "mkdir"} <= set(names)
     assert {name: (out / name).read_bytes() for name in names_in(out)} == work
+
+
+STAGED = """
+import sys, time
+from porous import disk
+with disk.staging(sys.argv[1]) as stage:
+    disk.write_bytes(stage / "half", b"done")
+    print(stage.name, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_stages_of_the_killed_go_and_those_of_the_living_stay(tmp_path):
+    kept = [tmp_path / ".porous-mine", tmp_path / f".porous-{'0' * 16}"]
+    kept[0].mkdir()
+    kept[1].write_text("no folder")
+    command = [sys.executable, "-c", STAGED, str(tmp_path)]
+    other = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert other.stdout is not None
+        name = other.stdout.readline().strip()
+        with disk.staging(tmp_path) as first, disk.staging(tmp_path) as second:
+            assert {path.name for path in tmp_path.iterdir()} == {
+                *(path.name for path in kept),
+                name,
+                first.name,
+                second.name,
+            }
+    finally:
+        other.kill()
+        other.communicate()
+    assert (tmp_path / name / "half").read_bytes() == b"done"
+    with disk.staging(tmp_path) as stage:
+        assert set(tmp_path.iterdir()) == {*kept, stage}
+    assert set(tmp_path.iterdir()) == set(kept)
 
 
 def test_nobody_hears_of_the_hidden_folder(tmp_path):
