@@ -15,6 +15,8 @@ from porous.guests.process import run, workplace
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
+PACKAGE = "openfoam"
+"""Debian's package that has the solvers."""
 PLACES = ("/usr/share/openfoam",)
 """Where OpenFOAM's settings may be if WM_PROJECT_DIR does not say it: Debian's package."""
 OUT, PRESSURE = "out-", "pressure-"
@@ -130,6 +132,7 @@ def _run(
     time_limit: float,
     watch: Callable[[float], None] | None,
 ) -> str:
+    check_installed(program)
     try:
         said = run(
             [program],
@@ -148,6 +151,15 @@ def _run(
             raise GuestError(f"OpenFOAM's {name} reports {trouble}") from None
         raise
     return said.output
+
+
+def check_installed(program: str) -> None:
+    """Raise ``GuestError`` where there is no such solver; say what brings it."""
+    if shutil.which(program) is None:
+        raise GuestError(
+            f"OpenFOAM is not installed: there is no program {program!r}; on Debian: "
+            f"apt-get install {PACKAGE}"
+        )
 
 
 def _environment() -> dict[str, str]:
