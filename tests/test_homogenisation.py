@@ -10,7 +10,7 @@ from naive_boundary import prefractal
 
 from porous import load, make
 from porous.errors import MeshError
-from porous.formats import inp
+from porous.formats import inp, read, write
 from porous.guests import ccx
 from porous.jobs import prepare, results, sections
 from porous.jobs._homogenisation import PAIRS, STRAINS
@@ -272,8 +272,69 @@ def test_bodies_that_wind_around_the_cell_are_told_by_all_their_ways():
     made = {**flat.parts, "ZPAIRS": flat.parts["XPAIRS"]}
     with pytest.raises(MeshError, match="pairs lead"):  # pairs of two names contradict each other
         job_of(replace(flat, parts=made), property="conductivity")
+    bare = {name: part for name, part in flat.parts.items() if name != "ZPAIRS"}
     with pytest.raises(MeshError, match=r"no pairs of nodes ZPAIRS.*voxels\.periodic"):
-        job_of(flat)
+        job_of(replace(flat, parts=bare))
+
+
+def apart(name):
+    """Return voxels of a 4×4×4 cell that do not go on along every axis, and along which they do."""
+    solid = np.zeros((4, 4, 4), dtype=bool)
+    if name == "rods":
+        solid[1:3, 1] = True
+        return solid, "z", 1 / 8
+    if name == "plates":
+        solid[1:3] = True
+        return solid, "yz", 1 / 2
+    solid[1:3, 1:3, 1:3] = True
+    return solid, "", 0.0
+
+
+@pytest.mark.judge
+@pytest.mark.parametrize("units", ["mm-N-MPa", "m-SI"])
+@pytest.mark.parametrize("name", ["rods", "plates"])
+def test_heat_flows_along_what_goes_on_and_not_across(judge, tmp_path, name, units):
+    solid, along, share = apart(name)
+    solid[0, 3, 1] = solid[3, 3, 1] = name == "rods"  # an island across the border
+    # Through a file, and of a mesh of both phases, whose pores are empty.
+    grid = VoxelGrid.of_solid(solid, Frame((1, 2, 3), SPACING, solid.shape, periodic=(True,) * 3))
+    made = {"SOLID": Material("one", conductivity=3.0)}
+    for phase in ("solid", "both"):
+        mesh = name_parts(hexahedralize(grid, phase=phase), grid.frame.box)
+        write(mesh, tmp_path / "a.vtu")
+        assert read(tmp_path / "a.vtu") == mesh
+        section = sections()["homogenisation"](property="conductivity", units=units)
+        job = replace(prepare(read(tmp_path / "a.vtu"), section), materials=made)
+        assert job.mesh.cells == share * solid.size
+        assert job.tied == tuple(f"{axis.upper()}PAIRS" for axis in along)
+        assert f"goes on along {' and '.join(a for a in 'xyz' if a not in along)}" in job.note
+        totals = ccx.solve(inp.write(job), program=judge("ccx")).steps
+        found = results(job, totals, box=grid.frame.box)
+        for axis in "xyz":
+            exact = 3 * share if axis in along else 0
+            value = found[f"effective_conductivity_{axis}"].value
+            assert value == pytest.approx(exact, rel=1e-6, abs=1e-9)
+        for pair in ("yz", "xz", "xy"):
+            assert found[f"effective_conductivity_{pair}"].value == pytest.approx(0, abs=1e-6)
+        with pytest.raises(MeshError, match="wanted the box of the cell too"):
+            results(job, totals)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_what_does_not_go_on_along_every_axis_is_not_stiff_and_why(order):
+    for name, words in {
+        "rods": "a body goes on in one direction only",
+        "plates": "no body goes on along x into the next copy",
+        "island": "no body goes on across faces",
+    }.items():
+        mesh = periodic(apart(name)[0])
+        job = job_of(quadratic(mesh) if order == 2 else mesh)
+        assert not job.steps
+        assert words in job.why_no_step
+    island = job_of(periodic(apart("island")[0]), property="conductivity")
+    assert "no body goes on across faces" in island.why_no_step
+    with pytest.raises(MeshError, match=r'nothing goes on along some of the axes; .*"none"'):
+        job_of(periodic(apart("rods")[0]), property="conductivity", symmetry="cubic")
 
 
 def test_totals_that_are_missing_are_told():

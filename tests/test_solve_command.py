@@ -262,6 +262,25 @@ def test_a_periodic_cell_has_its_tensors_and_steps_by_name(tmp_path, judge):
     )
 
 
+@pytest.mark.usefixtures("blind")
+def test_heat_in_rods_flows_along_them_only(tmp_path, judge):
+    fill = np.zeros((4, 4, 3), np.uint8)
+    fill[:2, :2] = 255
+    formats.write(
+        VoxelGrid(Frame((0, 0, 0), (0.1, 0.2, 0.3), fill.shape), fill), tmp_path / "r.nrrd"
+    )
+    (tmp_path / "rod.toml").write_text(
+        'title = "rods"\nsource = "made up"\n[model]\nkind = "image"\npath = "r.nrrd"\n'
+        "[voxels]\nperiodic = [true, true, true]\n"
+        '[simulation]\nanalysis = "homogenisation"\nproperty = "conductivity"\n'
+    )
+    workspace.make(load(tmp_path / "rod.toml"), tmp_path / "out", only="simulation")
+    solved = po.solve(tmp_path / "out", program=judge("ccx"))
+    found = [values(solved)[f"effective_conductivity_{axis}"] for axis in "xyz"]
+    assert found == pytest.approx([0, 0, STEEL.conductivity / 4], rel=1e-6)
+    assert any("no body goes on along x and y" in note for note in solved.notes)
+
+
 @pytest.mark.parametrize(
     ("analysis", "stuff", "name"),
     [("flow", "water", "permeability_x"), ("diffusion", "oxygen-in-water", "tortuosity_factor_x")],

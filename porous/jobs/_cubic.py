@@ -44,6 +44,8 @@ def check_cubic(mesh: VolumeMesh, tied: Ties, pairs: Sequence[str], made_of: Seq
     MeshError
         Says what differs.
     """
+    if len(tied.periods) < len(pairs):
+        raise MeshError(f'symmetry = "cubic": nothing goes on along some of the axes; {ANOTHER}')
     length = float(tied.periods[0, 0])
     if not np.allclose(tied.periods, length * np.eye(3), rtol=0, atol=SAME * length):
         told = " × ".join(f"{np.linalg.norm(period):.6g}" for period in tied.periods)

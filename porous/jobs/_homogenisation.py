@@ -62,7 +62,9 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
     """Return the job of finding an effective property of a periodic cell.
 
     Nodes on opposite sides are tied by ``XPAIRS``, ``YPAIRS`` and ``ZPAIRS``; of each body one node
-    is held. What does not go on across faces into the next copy is left out.
+    is held. What does not go on across faces into the next copy is left out. Where nothing goes on
+    along an axis of a periodic cell, its part has no pairs, no heat flows along it, and there is no
+    stiffness.
 
     Raises
     ------
@@ -71,29 +73,45 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
     """
     cells, materials = phases(mesh, section)
     for name in PAIRS:
-        if name not in cells.parts or not len(cells.parts[name].members):
+        if name not in cells.parts:
             raise MeshError(
                 f"homogenisation: the volume mesh has no pairs of nodes {name}; wanted a periodic "
                 'one: voxels.periodic = [true, true, true] and volume.method = "voxel-hex"'
             )
     made_of = " and ".join(material.name for material in materials.values())
     title = f"effective {section.property} of a periodic cell of {made_of}"
-    elastic = section.property == "stiffness"
-    found, nodes = going_on(cells, PAIRS, least=2 if elastic else 1)
-    if found.why_not:
-        return Job(title, cells, materials, why_no_step=found.why_not)
-    tied = ties(found.mesh, PAIRS)
-    if section.symmetry == "cubic":
+    elastic, cubic = section.property == "stiffness", section.symmetry == "cubic"
+    found, nodes = going_on(cells, _with_pairs(cells), least=2 if elastic else 1)
+    names = _with_pairs(found.mesh)  # an island that lies across a border is left out
+    ends = " and ".join(name[0].lower() for name in PAIRS if name not in names)
+    why_not = found.why_not or (_loose(ends) if ends and elastic else "")
+    if why_not:
+        return Job(title, cells, materials, why_no_step=why_not)
+    tied = ties(found.mesh, names)
+    if cubic:
         check_cubic(found.mesh, tied, PAIRS, list(materials))
     pins = Part("nodes", np.unique(tied.root[nodes]))
     pinned = replace(found.mesh, parts={**found.mesh.parts, PINNED: pins})
-    steps = tuple(_strains(section.symmetry) if elastic else _slopes(section.symmetry))
-    return Job(title, pinned, materials, steps, note=found.note, tied=PAIRS)
+    steps = tuple(_strains(cubic=cubic) if elastic else _slopes(names, cubic=cubic))
+    still = f"no body goes on along {ends} into the next copy: no heat flows there" if ends else ""
+    note = "; ".join(one for one in (found.note, still) if one)
+    return Job(title, pinned, materials, steps, note=note, tied=names)
 
 
-def _strains(symmetry: str) -> Iterator[Step]:
+def _with_pairs(mesh: VolumeMesh) -> tuple[str, ...]:
+    return tuple(name for name in PAIRS if len(mesh.parts[name].members))
+
+
+def _loose(ends: str) -> str:
+    return (
+        f"no body goes on along {ends} into the next copy of the cell, and nothing keeps the "
+        "copies together: as a material it has no stiffness there"
+    )
+
+
+def _strains(*, cubic: bool) -> Iterator[Step]:
     held = Held(PINNED, "displacement", components=(0, 1, 2))
-    for name in CUBIC if symmetry == "cubic" else STRAINS:
+    for name in CUBIC if cubic else STRAINS:
         gradient = np.zeros((3, 3))
         row, column = STRAINS[name]
         gradient[row, column] += 0.5
@@ -101,8 +119,8 @@ def _strains(symmetry: str) -> Iterator[Step]:
         yield Step(f"strain-{name}", "static", (held,), gradient=tuple(gradient.ravel().tolist()))
 
 
-def _slopes(symmetry: str) -> Iterator[Step]:
+def _slopes(names: tuple[str, ...], *, cubic: bool) -> Iterator[Step]:
     held = Held(PINNED, "temperature")
-    for axis in "x" if symmetry == "cubic" else "xyz":
+    for axis in "x" if cubic else (name[0].lower() for name in names):
         gradient = tuple(float(axis == other) for other in "xyz")
         yield Step(f"gradient-{axis}", "conduction", (held,), gradient=gradient)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.values import Job
+    from porous.values import Box, Job
 
     Totals = Mapping[tuple[str, str], tuple[float, ...]]
 
@@ -29,7 +29,13 @@ SINGULAR = 1e-9
 """Stiffness below this part of the greatest is none."""
 
 
-def results(job: Job, totals: Sequence[Totals], frequencies: Sequence[float] = ()) -> Measures:
+def results(
+    job: Job,
+    totals: Sequence[Totals],
+    frequencies: Sequence[float] = (),
+    *,
+    box: Box | None = None,
+) -> Measures:
     """Return what a solver's totals come to.
 
     Of a periodic cell these are the effective stiffness (Voigt's order xx, yy, zz, yz, xz, xy, with
@@ -49,6 +55,9 @@ def results(job: Job, totals: Sequence[Totals], frequencies: Sequence[float] = (
         Of each step, by quantity and set, in the deck's units.
     frequencies
         In 1/s.
+    box
+        Of a periodic cell, in the mesh's unit; needed where nothing goes on along some of its axes,
+        for then the mesh does not say how long it is there.
 
     Raises
     ------
@@ -60,7 +69,7 @@ def results(job: Job, totals: Sequence[Totals], frequencies: Sequence[float] = (
         raise MeshError(f"results: got totals of {len(totals)} steps; wanted {len(job.steps)}")
     kinds = dict.fromkeys(block.shape for block in job.mesh.blocks)
     method = f"finite elements {' and '.join(kinds)}, discretisation not included"
-    rows = _rows(job, totals, frequencies)
+    rows = _rows(job, totals, frequencies, box)
     return Measures(
         tuple(
             Measure(name, value, unit, method, math.nan, "standard", "volume")
@@ -70,13 +79,13 @@ def results(job: Job, totals: Sequence[Totals], frequencies: Sequence[float] = (
 
 
 def _rows(
-    job: Job, totals: Sequence[Totals], frequencies: Sequence[float]
+    job: Job, totals: Sequence[Totals], frequencies: Sequence[float], box: Box | None
 ) -> Iterator[tuple[str, float, str]]:
     for number, frequency in enumerate(frequencies, 1):
         yield f"natural_frequency_{number}", frequency, "1/s"
     if any(step.gradient for step in job.steps):
         thermal = job.steps[0].procedure == "conduction"
-        mean = _mean_fluxes(job, totals, HEAT if thermal else FORCE)
+        mean = _mean_fluxes(job, totals, HEAT if thermal else FORCE, box)
         yield from _conductivity(job, mean[:, 0]) if thermal else _elastic(job, mean)
         return
     for step, found in zip(job.steps, totals, strict=False):
@@ -99,15 +108,15 @@ def _mechanics(job: Job, found: Totals) -> Iterator[tuple[str, float, str]]:
             yield "strain_energy", values[0] / energy, "N·mm"
 
 
-def _mean_fluxes(job: Job, totals: Sequence[Totals], what: str) -> NDArray[np.float64]:
+def _mean_fluxes(
+    job: Job, totals: Sequence[Totals], what: str, box: Box | None
+) -> NDArray[np.float64]:
     """Return the mean of each step, (steps, components, 3): stresses in MPa, or minus heat fluxes.
 
     Rows are components of what is balanced, columns the axes it flows along.
     """
     periods = ties(job.mesh, job.tied).periods * length_ratio(job.mesh.unit, "mm")
-    if periods.shape != (3, 3):
-        raise MeshError(f"results: got {len(periods)} periods; wanted three")
-    volume = abs(np.linalg.det(periods))
+    volume = _volume(job, periods, box)
     unit = system_ratio(job.system, "power" if what == HEAT else "force")
     drive = []
     for step, found in zip(job.steps, totals, strict=True):
@@ -118,16 +127,31 @@ def _mean_fluxes(job: Job, totals: Sequence[Totals], what: str) -> NDArray[np.fl
     return np.asarray(np.einsum("skc,kj->scj", np.array(drive) / unit, periods) / volume)
 
 
+def _volume(job: Job, periods: NDArray[np.float64], box: Box | None) -> float:
+    """Return the volume of the cell, in mm³: of its periods, and of the box where it has none."""
+    if len(periods) == 3:
+        return abs(float(np.linalg.det(periods)))
+    if box is None:
+        raise MeshError(
+            f"results: got pairs {' and '.join(job.tied)} alone; wanted the box of the cell too, "
+            "for nothing goes on along the other axes"
+        )
+    ends = ["xyz".index(axis) for axis in "xyz" if f"{axis.upper()}PAIRS" not in job.tied]
+    lengths = np.array(box.lengths)[ends] * length_ratio(job.mesh.unit, "mm")
+    edges = np.vstack([periods, np.eye(3)[ends] * lengths[:, None]])
+    return abs(float(np.linalg.det(edges)))
+
+
 def _conductivity(job: Job, flux: NDArray[np.float64]) -> Iterator[tuple[str, float, str]]:
     slopes = np.array([step.gradient for step in job.steps])
-    if len(slopes) == 1:  # of a cubic body: all axes are as the first
+    if len(slopes) < len(job.tied):  # of a cubic body: all axes are as the first
         value = float(flux[0] @ slopes[0] / (slopes[0] @ slopes[0]))
         tensor = value * np.eye(3)
     else:
-        tensor = np.linalg.solve(slopes, flux).T
+        tensor = (np.linalg.pinv(slopes) @ flux).T  # nothing along axes that nothing drives
     for index, axis in enumerate("xyz"):
         yield f"effective_conductivity_{axis}", float(tensor[index, index]), "W/(m·K)"
-    for pair in ("yz", "xz", "xy") if len(slopes) > 1 else ():
+    for pair in ("yz", "xz", "xy") if len(slopes) == len(job.tied) else ():
         row, column = STRAINS[pair]
         both = float(tensor[row, column] + tensor[column, row])
         yield f"effective_conductivity_{pair}", both / 2, "W/(m·K)"

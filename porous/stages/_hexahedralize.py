@@ -43,7 +43,8 @@ def hexahedralize(grid: VoxelGrid, *, phase: str = "solid") -> VolumeMesh:
 
     Along periodic axes voxels are joined across the border too: opposite sides have the same nodes
     wherever the body goes on from one to the other, and the parts ``XPAIRS`` … ``ZPAIRS`` name
-    them, the node at MIN first. Nodes of a side that the body ends at have no partner.
+    them, the node at MIN first. Nodes of a side that the body ends at have no partner; a part
+    without pairs says that nothing goes on along a periodic axis.
 
     Parameters
     ----------
@@ -125,10 +126,10 @@ class _Lattice:
         return cells
 
     def pairs(self) -> Iterator[tuple[str, Part]]:
-        """Yield the pairs of nodes of each periodic axis along which the body goes on."""
+        """Yield the pairs of nodes of each periodic axis, none where nothing goes on along it."""
         for axis, wraps in enumerate(self.periodic):
-            if wraps and len(found := self._pairs_along(axis)):
-                yield f"{'XYZ'[axis]}PAIRS", Part("pairs", found)
+            if wraps:
+                yield f"{'XYZ'[axis]}PAIRS", Part("pairs", self._pairs_along(axis))
 
     def _pairs_along(self, axis: int) -> Indices:
         low, high = (

@@ -330,7 +330,9 @@ def _of_job(deck: Deck, found: ccx.Solution, fields: MeshFields | None) -> Measu
     numbers = [value for step in found.steps for values in step.values() for value in values]
     if not all(map(math.isfinite, (*numbers, *found.frequencies))):
         raise MeshError("got totals that are not finite")
-    rows = effective(job, found.steps, deck.box) + results(job, found.steps, found.frequencies)
+    cell = _cell(deck.recipe) if 0 < len(job.tied) < 3 else None
+    rows = effective(job, found.steps, deck.box)
+    rows += results(job, found.steps, found.frequencies, box=cell)
     if fields is not None and "von_mises_stress" in fields.names:
         kinds = " and ".join(dict.fromkeys(block.shape for block in job.mesh.blocks))
         method = f"finite elements {kinds}, greatest at nodes, depends on the mesh"
@@ -338,6 +340,21 @@ def _of_job(deck: Deck, found: ccx.Solution, fields: MeshFields | None) -> Measu
         name = "largest_von_mises_stress"
         rows += Measures((Measure(name, most, "MPa", method, math.nan, "standard", "volume"),))
     return rows
+
+
+def _cell(recipe: Recipe) -> Box:
+    """Return the box of the voxels that a recipe asks for."""
+    from porous.stages import fit_frame
+
+    how = recipe.voxels
+    return fit_frame(
+        build(recipe),
+        voxels=how.voxels,
+        spacing=how.spacing,
+        per_feature=how.per_feature,
+        periodic=how.periodic,
+        cubic=how.cubic,
+    ).box
 
 
 def _as_printed(found: ccx.Solution) -> Measures:
