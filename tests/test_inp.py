@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import deck_meshes
 import meshio
 import naive_boundary as naive
 import naive_conduction
@@ -378,6 +379,35 @@ def test_a_fused_sierpinski_tetrahedron_carries_load_in_voxels(judge):
 def test_a_fused_sierpinski_tetrahedron_carries_load_in_tetrahedra(judge):
     mesh = name_parts(tetrahedralize(exact_surface(sierpinski(**FUSED))), UNIT_BOX)
     assert_solved(compression(mesh, material=material("pla"), pressure=1.0), judge("ccx"))
+
+
+def scaled(job, size, system):
+    return replace(job, mesh=replace(job.mesh, points=job.mesh.points * size), system=system)
+
+
+@pytest.mark.parametrize(
+    ("kind", "edge"),
+    [("hex8", 1e-20 * 8), ("tet4", 1e-20 / 6), ("wed6", 1e-20), ("tet10", 1e-20 / 6)],
+)
+@pytest.mark.judge
+def test_elements_too_small_for_calculix_are_refused(judge, kind, edge):
+    job = deck_meshes.zoo_job("static", (kind,), unit="m")
+    size = (edge / job.mesh.volumes.min()) ** (1 / 3)
+    fine = scaled(job, size * 1.05, "m-SI")
+    small = scaled(job, size * 0.99, "m-SI")
+    with pytest.raises(FormatError, match=r'wide; .* det J .*units = "mm-N-MPa"'):
+        text(small)
+    assert ccx.solve(inp.write(fine), program=judge("ccx")).volume > 0
+    ccx.solve(inp.write(replace(small, system="mm-N-MPa")), program=judge("ccx"))
+    # It is the solver that cannot, not we.
+    points = re.compile(r"(?<=\*NODE, NSET=ALL\n)[^*]*")
+    shrunk = small.mesh.points
+    nodes = "".join(f"{i}, {x:.9e}, {y:.9e}, {z:.9e}\n" for i, (x, y, z) in enumerate(shrunk, 1))
+    with pytest.raises(GuestError, match="jacobian"):
+        ccx.solve(points.sub(nodes, text(fine)).encode(), program=judge("ccx"))
+    with pytest.raises(FormatError, match=r"wanted a larger model\.unit"):
+        text(scaled(job, size * 0.99e-3, "mm-N-MPa"))
+    text(small.mesh)
 
 
 @pytest.mark.judge

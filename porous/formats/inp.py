@@ -48,6 +48,10 @@ energy, which a thin strut of few elements finds. C3D10 is integrated in 4 point
 where edges are straight."""
 HEAT = {shape: f"D{name}" for shape, name in ELEMENTS.items()}
 """Element types of heat; Abaqus needs these, and CalculiX takes them for those of stress."""
+REFERENCE_VOLUMES = {"tet": 1 / 6, "wed": 1.0, "hex": 8.0}
+"""Of elements in their own coordinates: det J is on average a volume over this."""
+LEAST = 1.1e-20
+"""The smallest det J that is written; CalculiX 2.20 stops below 1e-20, in any unit."""
 ENDS = ("FIRST", "SECOND")
 """How the names end of the sets that hold the nodes of pairs, in order."""
 
@@ -71,6 +75,8 @@ def write(value: Job | VolumeMesh) -> Iterator[bytes]:
     names, taken = _set_names(mesh, job.tied if job else ())
     every = _everything(mesh, names)
     deck = Deck(job, names, every) if job else None
+    if job is not None and job.steps:
+        _check_size(job)
     yield from _heading(job, mesh)
     nodes = next(name for name in _numbered(NODES) if name not in taken)
     yield from _nodes(mesh, nodes, system_length(job.system) if job else "mm")
@@ -84,6 +90,24 @@ def write(value: Job | VolumeMesh) -> Iterator[bytes]:
         yield from deck.equations()
         yield from deck.materials()
         yield from deck.steps()
+
+
+def _check_size(job: Job) -> None:
+    """Refuse elements that CalculiX takes for turned inside out, since they are so small.
+
+    It compares det J, in the deck's unit of length cubed, to a number: ``LEAST``.
+    """
+    unit = system_length(job.system)
+    volumes = job.mesh.volumes * length_ratio(job.mesh.unit, unit) ** 3
+    reference = [REFERENCE_VOLUMES[block.shape[:3]] for block in job.mesh.blocks]
+    least = float((volumes / np.repeat(reference, [len(b.cells) for b in job.mesh.blocks])).min())
+    if least < LEAST:
+        other = SYSTEMS[0]
+        wanted = f'simulation.units = "{other}"' if job.system != other else "a larger model.unit"
+        raise FormatError(
+            f"an element is about {abs(volumes.min()) ** (1 / 3):.3g} {unit} wide; CalculiX "
+            f"works with det J from {LEAST:g} {unit}³ on, here it is {least:.3g}; wanted {wanted}"
+        )
 
 
 def _heading(job: Job | None, mesh: VolumeMesh) -> Iterator[bytes]:
