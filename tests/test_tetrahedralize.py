@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -137,6 +138,31 @@ def test_fields_that_are_none_are_refused():
             tetrahedralize(CUBE, sizing=field)
     with pytest.raises(MeshError, match="edge_length"):
         Finer(CUBE.box, 0.0)
+
+
+@pytest.mark.usefixtures("no_guest")
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("end", [-5.0, 5.0])
+def test_a_finer_box_beyond_the_body_is_refused(axis, end):
+    lower, upper = [0.25, 0.25, 0.25], [0.5, 0.5, 0.5]
+    lower[axis] += end
+    upper[axis] += end
+    told = re.escape(f"{_point(lower)} … {_point(upper)} lies beyond the body, which is")
+    with pytest.raises(MeshError, match=f"finer: the box {told}") as caught:
+        tetrahedralize(CUBE, sizing=[Finer(CUBE.box, 0.3), Finer(Box(lower, upper), 0.1)])
+    body = f"is within {_point(CUBE.box.lower)} … {_point(CUBE.box.upper)}; wanted"
+    assert body in str(caught.value)
+
+
+def _point(place):
+    return f"({', '.join(f'{x:g}' for x in place)})"
+
+
+def test_a_finer_box_that_touches_the_body_is_taken():
+    box = CUBE.box
+    beside = Box((box.upper[0], 0, 0), (box.upper[0] + 1, 1, 1))
+    field = background([Finer(beside, 0.1)], box, edge_length=0.4)
+    assert field.lengths.min() == 0.1
 
 
 def test_a_recipe_says_how_fine_where_and_for_how_long(monkeypatch):

@@ -87,8 +87,11 @@ def background(
     Raises
     ------
     MeshError
-        Where the function gives no positive number for each point.
+        Where the function gives no positive number for each point; for a box that is to be finer
+        and lies beyond ``box``.
     """
+    if not callable(sizing):
+        _check_there(sizing, box)
     reach = 0.1 * float(np.linalg.norm(box.lengths))
     around = box.grown(2 * reach if edge_length is None else reach + edge_length)
     finer: Sequence[Finer]
@@ -104,6 +107,21 @@ def background(
         if count >= FINEST or _is_true(field, axes, lengths):
             return Background(_lattice(axes), _tets(lengths.shape), lengths.ravel())
         count = min(2 * count, FINEST)
+
+
+def _check_there(finer: Sequence[Finer], box: Box) -> None:
+    for part in finer:
+        low, high = np.array(part.box.lower), np.array(part.box.upper)
+        if (low > box.upper).any() or (high < box.lower).any():
+            raise MeshError(
+                f"finer: the box {_ends(part.box)} lies beyond the body, which is within "
+                f"{_ends(box)}; wanted one that has some of it"
+            )
+
+
+def _ends(box: Box) -> str:
+    lower, upper = (", ".join(f"{x:g}" for x in end) for end in (box.lower, box.upper))
+    return f"({lower}) … ({upper})"
 
 
 def _checked(sizing: Field, edge_length: float | None) -> Field:
