@@ -320,11 +320,26 @@ def test_heat_flows_along_what_goes_on_and_not_across(judge, tmp_path, name, uni
             results(job, totals)
 
 
+@pytest.mark.judge
+@pytest.mark.parametrize("layers", [(1, 2), (0, 3), (2, 3)])
+def test_loose_plates_are_sheets_in_plane_stress_wherever_the_cell_is_cut(judge, layers):
+    solid = np.zeros((4, 2, 3), dtype=bool)
+    solid[list(layers)] = True
+    box = Frame((0, 0, 0), SPACING, solid.shape).box
+    job = job_of(periodic(solid), {"SOLID": Material("one", 4.0, 0.3)})
+    assert ("no body goes on along x" in job.note) == (layers != (0, 3))
+    totals = ccx.solve(inp.write(job), program=judge("ccx")).steps
+    found = tensor(results(job, totals, box=box))
+    exact = np.zeros((6, 6))
+    exact[1:3, 1:3] = 4 / (1 - 0.09) / 2 * np.array([[1, 0.3], [0.3, 1]])
+    exact[3, 3] = 4 / 2.6 / 2
+    assert found == pytest.approx(exact, rel=1e-6, abs=1e-6)
+
+
 @pytest.mark.parametrize("order", [1, 2])
-def test_what_does_not_go_on_along_every_axis_is_not_stiff_and_why(order):
+def test_what_goes_on_along_one_axis_or_none_is_not_stiff_and_why(order):
     for name, words in {
         "rods": "a body goes on in one direction only",
-        "plates": "no body goes on along x into the next copy",
         "island": "no body goes on across faces",
     }.items():
         mesh = periodic(apart(name)[0])

@@ -63,8 +63,8 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
 
     Nodes on opposite sides are tied by ``XPAIRS``, ``YPAIRS`` and ``ZPAIRS``; of each body one node
     is held. What does not go on across faces into the next copy is left out. Where nothing goes on
-    along an axis of a periodic cell, its part has no pairs, no heat flows along it, and there is no
-    stiffness.
+    along an axis of a periodic cell, its part has no pairs; no heat flows along it, and loose plates
+    bear nothing across. Bars are not held: they may turn, and there is no step.
 
     Raises
     ------
@@ -84,29 +84,22 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
     found, nodes = going_on(cells, _with_pairs(cells), least=2 if elastic else 1)
     names = _with_pairs(found.mesh)  # an island that lies across a border is left out
     ends = " and ".join(name[0].lower() for name in PAIRS if name not in names)
-    why_not = found.why_not or (_loose(ends) if ends and elastic else "")
-    if why_not:
-        return Job(title, cells, materials, why_no_step=why_not)
+    if found.why_not:
+        return Job(title, cells, materials, why_no_step=found.why_not)
     tied = ties(found.mesh, names)
     if cubic:
         check_cubic(found.mesh, tied, PAIRS, list(materials))
     pins = Part("nodes", np.unique(tied.root[nodes]))
     pinned = replace(found.mesh, parts={**found.mesh.parts, PINNED: pins})
     steps = tuple(_strains(cubic=cubic) if elastic else _slopes(names, cubic=cubic))
-    still = f"no body goes on along {ends} into the next copy: no heat flows there" if ends else ""
+    what = "it bears nothing" if elastic else "no heat flows"
+    still = f"no body goes on along {ends} into the next copy: {what} there" if ends else ""
     note = "; ".join(one for one in (found.note, still) if one)
     return Job(title, pinned, materials, steps, note=note, tied=names)
 
 
 def _with_pairs(mesh: VolumeMesh) -> tuple[str, ...]:
     return tuple(name for name in PAIRS if len(mesh.parts[name].members))
-
-
-def _loose(ends: str) -> str:
-    return (
-        f"no body goes on along {ends} into the next copy of the cell, and nothing keeps the "
-        "copies together: as a material it has no stiffness there"
-    )
 
 
 def _strains(*, cubic: bool) -> Iterator[Step]:
