@@ -63,8 +63,8 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
 
     Nodes on opposite sides are tied by ``XPAIRS``, ``YPAIRS`` and ``ZPAIRS``; of each body one node
     is held. What does not go on across faces into the next copy is left out. Where nothing goes on
-    along an axis of a periodic cell, its part has no pairs; no heat flows along it, and loose plates
-    bear nothing across. Bars are not held: they may turn, and there is no step.
+    along an axis of a periodic cell, its part has no pairs; no heat flows along it, and loose
+    plates bear nothing across. Bars are not held: they may turn, and there is no step.
 
     Raises
     ------
