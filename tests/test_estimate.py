@@ -154,6 +154,20 @@ def test_the_number_of_cells_is_no_matter_where_none_is_made():
     assert found.disk < 2187**3
 
 
+@pytest.mark.parametrize("change", [{}, {"voxels__periodic": [True] * 3}])
+def test_cells_that_go_on_are_thought_of_as_the_pipeline_does(change):
+    """Nobody makes voxels where the cells are the mesh; of pores somebody does."""
+    cells = of("menger-block", only="volume", model__level=1, **change)
+    assert cells.frame is None
+    pores = of("menger-block", only="volume", model__level=1, volume__phase="pore", **change)
+    assert pores.frame.shape == (54, 54, 54)
+    for found, phase in ((cells, "solid"), (pores, "pore")):
+        settings = {"model.level": 1, "voxels.voxels": 6, "volume.phase": phase}
+        more = {key.replace("__", "."): value for key, value in change.items()}
+        made = _run.run(load("menger-block", set=settings | more), only="volume")
+        assert (made.grid is None) == (found.frame is None)
+
+
 def test_an_unknown_word_for_only_is_refused_by_name():
     with pytest.raises(RecipeError, match="--only: got 'surfaces'"):
         of("menger", only="surfaces")

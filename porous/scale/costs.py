@@ -172,8 +172,12 @@ class Work:
     @cached_property
     def is_whole(self) -> bool:
         """Whether the model alone is the body: no voxels that touch it or are mended, no tile."""
-        how = self.recipe.voxels
-        return how.sampling != "cover" and not any(how.periodic) and self.recipe.clean is None
+        return self._is_sharp and not any(self.recipe.voxels.periodic)
+
+    @property
+    def _is_sharp(self) -> bool:
+        """The same, but that it may be a tile: the model's own cells may go on in its copies."""
+        return self.recipe.voxels.sampling != "cover" and self.recipe.clean is None
 
     @cached_property
     def cells(self) -> int:
@@ -221,11 +225,11 @@ class Work:
         method = self.recipe.volume.method
         if "volume" not in self.wanted or method == "none":
             return ""
-        if method == "cells" or (
-            method == "auto" and self.is_whole and isinstance(self.model, HasCells)
-        ):
+        solid = self.recipe.phase == "solid"
+        own = self._is_sharp and solid and isinstance(self.model, HasCells)
+        if method == "cells" or (method == "auto" and own):
             return "cells"
-        few = bool(self.exact) and self.exact <= TETWILD_TRIANGLES
+        few = solid and 0 < self.exact <= TETWILD_TRIANGLES
         if method == "tetwild" or (method == "auto" and few):
             return "tetwild"
         return "" if self.stored else "hexahedra"
