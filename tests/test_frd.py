@@ -1,6 +1,7 @@
 """Results of CalculiX as fields: what Hooke and Fourier say, scikit-fem finds, and is refused."""
 
 import math
+from dataclasses import replace
 
 import naive_boundary as naive
 import naive_elasticity
@@ -88,6 +89,24 @@ def test_heat_in_a_bar_flows_as_fourier_says(judge):
     assert found["heat_flux"].magnitude == pytest.approx(abs(flux), rel=FOUR)
 
 
+def test_results_of_our_decks_know_their_units(judge):
+    job = compression(block(), material=material("steel"), pressure=2.0)
+    mm, si = (
+        results(
+            replace(job, system=system, title="units mm-N-MPa: a long title " * 9), judge("ccx")
+        )
+        for system in ("mm-N-MPa", "m-SI")
+    )
+    assert (mm.mesh.unit, si.mesh.unit) == ("mm", "m")
+    np.testing.assert_allclose(si.mesh.points * 1e3, mm.mesh.points, rtol=SIX, atol=1e-9)
+    ratios = {"displacement": (1e3, "mm", "m"), "stress": (1e-6, "MPa", "Pa")}
+    ratios |= {"strain": (1, "1", "1"), "reaction": (1, "N", "N")}
+    for name, (ratio, *units) in ratios.items():
+        assert [mm[name].unit, si[name].unit] == units
+        scale = np.abs(mm[name].values).max()
+        np.testing.assert_allclose(si[name].values * ratio, mm[name].values, atol=1e-5 * scale)
+
+
 def test_displacements_are_those_of_scikit_fem(judge):
     solid = np.kron(naive.prefractal(3, systems.MENGER, 1), np.ones((2, 2, 2), dtype=bool))
     frame = Frame((0, 0, 0), (1 / 6, 1 / 7, 1 / 5), solid.shape)
@@ -162,6 +181,24 @@ def test_numbers_may_touch_and_labels_have_gaps(short):
     assert found.mesh.points.tolist() == np.array(NODES, float)[order].tolist()
     assert found["temperature"].values.tolist() == np.array([1, -2, 3, -4.5])[order].tolist()
     assert found["temperature"].unit == ""
+
+
+@pytest.mark.parametrize(
+    ("heading", "units"),
+    [
+        ("units m-SI: mine", ("m", "K")),
+        ("units mm-N-MPa: mine", ("mm", "K")),
+        ("mine, units m-SI: ", ("mm", "")),
+        ("units m-SIX: mine", ("mm", "")),
+        ("units cm: mine", ("mm", "")),
+    ],
+)
+def test_units_are_what_our_own_heading_says(heading, units):
+    head = f"    1C\n    1U{heading}\n    1Uunits mm-N-MPa: too late\n".encode()
+    if units[1] == "":
+        head = head.replace(b"    1Uunits mm-N-MPa: too late\n", b"")
+    found = formats_of(text().replace(b"    1C\n", head))
+    assert (found.mesh.unit, found["temperature"].unit) == units
 
 
 def test_what_is_no_vector_is_passed_over():

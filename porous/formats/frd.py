@@ -2,8 +2,9 @@
 
 Read are nodes, hexahedra, wedges and tetrahedra, and blocks of numbers, vectors and symmetric
 tensors at nodes. Of several steps a field is called ``displacement_step_2``, of modes
-``displacement_mode_2``. Quantities are in the deck's units, which the file does not say: fields
-have no unit, and lengths are taken as millimetres. Binary files (``*NODE OUTPUT``) are refused.
+``displacement_mode_2``. Quantities are in the deck's units. Where the deck was written by porous
+its heading says them; other files do not: their fields have no unit, and lengths are taken as
+millimetres. Binary files (``*NODE OUTPUT``) are refused.
 https://www.dhondt.de/cgx_2.20.pdf, "Result Format"
 """
 
@@ -19,9 +20,10 @@ from porous.formats._elements import Draft
 from porous.formats._registry import Format
 from porous.formats.gate import integer, need, numbers, refuse, whole
 from porous.values import Field, MeshFields, VolumeMesh
+from porous.values.units import system_length
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -44,6 +46,29 @@ NAMES = {
     "ERROR": "stress_error_estimate",
 }
 """What fields are called here; all others keep their name, in small letters."""
+UNITS = {
+    "mm-N-MPa": {
+        "displacement": "mm",
+        "stress": "MPa",
+        "strain": "1",
+        "reaction": "N",
+        "temperature": "K",
+        "heat_flux": "mW/mm²",
+        "heat_flow": "mW",
+    },
+    "m-SI": {
+        "displacement": "m",
+        "stress": "Pa",
+        "strain": "1",
+        "reaction": "N",
+        "temperature": "K",
+        "heat_flux": "W/m²",
+        "heat_flow": "W",
+    },
+}
+"""Of fields in each system of units that a heading may name."""
+HEADING = re.compile(rb" {4}1C[^\n]{,99}\n {4}1Uunits (mm-N-MPa|m-SI): ")
+"""How a file begins whose deck has the heading that porous writes."""
 MODAL = 2
 """The type of an analysis of frequencies."""
 KEY, WORD = 3, 12
@@ -88,6 +113,8 @@ class Content(NamedTuple):
     mesh: VolumeMesh
     nodes: NDArray[np.int64]
     blocks: tuple[Block, ...]
+    units: Mapping[str, str]
+    """Of fields, by their names, as far as the file says."""
 
 
 def read(source: Source) -> MeshFields:
@@ -98,7 +125,9 @@ def read(source: Source) -> MeshFields:
     for block in found.blocks:
         tail = f"_{'mode' if block.is_mode else 'step'}_{block.frame}"
         name = block.name + (tail if block.is_mode or several else "")
-        fields[name] = Field(name, block.at(found.nodes))  # a later one of that name is the last
+        # The size of a mode says nothing; a later field of a name is the last.
+        unit = "" if block.is_mode else found.units.get(block.name, "")
+        fields[name] = Field(name, block.at(found.nodes), unit)
     return MeshFields(found.mesh, tuple(fields.values()))
 
 
@@ -109,6 +138,8 @@ def content(source: Source) -> Content:
     used: list[NDArray[np.int64]] = []
     blocks: list[Block] = []
     place = 0
+    said = HEADING.match(data)
+    system = said[1].decode() if said else ""
     while place < len(data):
         line, place = _line(data, place)
         kind = line[:6].strip()
@@ -129,8 +160,9 @@ def content(source: Source) -> Content:
             refuse("a line", _told(line), "one of 1C, 1U, 1P, 2C, 3C, 100C and 9999")
     else:
         raise FormatError("the file ends before its last line, 9999; did the solver finish?")
-    mesh = draft.mesh()
-    return Content(mesh, np.unique(np.concatenate(used)), tuple(blocks))
+    mesh = draft.mesh(unit=system_length(system) if system else "mm")
+    nodes = np.unique(np.concatenate(used))
+    return Content(mesh, nodes, tuple(blocks), UNITS.get(system, {}))
 
 
 def _line(data: bytes, place: int) -> tuple[bytes, int]:

@@ -111,9 +111,10 @@ def _check_size(job: Job) -> None:
 
 
 def _heading(job: Job | None, mesh: VolumeMesh) -> Iterator[bytes]:
-    title = job.title if job else "mesh"
-    yield lines("*HEADING", plain(title)[:WIDTH])
-    units = UNITS[job.system if job else SYSTEMS[0]]
+    title, system = (job.title, job.system) if job else ("mesh", SYSTEMS[0])
+    # CalculiX hands the heading on to its results, which have no other place for units.
+    yield lines("*HEADING", f"units {system}: {plain(title)}"[:WIDTH])
+    units = UNITS[system]
     yield comment(f"made by porous; the mesh was in {mesh.unit}; {units}")
     if job is not None and job.steps:
         yield comment("to run it where it is called NAME.inp: ccx -i NAME")

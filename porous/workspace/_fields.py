@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,7 +77,8 @@ def fields_of(job: Job | None, content: bytes) -> MeshFields | None:
 def _with_von_mises(found: MeshFields) -> MeshFields:
     fields: list[Field] = []
     for field in found:
-        fields.append(field)
+        # The heading speaks of the deck that we wrote; who edited it may have changed its units.
+        fields.append(replace(field, unit=""))
         if field.name.startswith(STRESS) and field.values.ndim == 2:
             name = field.name.replace(STRESS, VON_MISES, 1)
             fields.append(Field(name, von_mises(field.values)))
