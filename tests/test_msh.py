@@ -18,6 +18,7 @@ from porous.formats import msh, msh2
 from porous.formats._groups import Groups
 from porous.formats._lines import lines_of
 from porous.values import Job, Part, VolumeMesh
+from porous.values.units import METRES
 
 WRITERS = {".msh": msh.FORMAT.write, ".msh2": msh2.FORMAT.write}
 LOST = {"SKIN", "WORD_00"}
@@ -182,6 +183,16 @@ def test_lengths_keep_their_unit(suffix):
     assert "made by porous; lengths in um\n" in said
     places = [line for line in text(meshes.body("hex8"), suffix).splitlines() if "." in line]
     assert [line for line in said.splitlines() if "." in line] == places
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("unit", METRES)
+def test_lengths_come_back_in_their_unit(tmp_path, suffix, unit):
+    mesh = meshes.body("hex8", unit)
+    formats.write(mesh, tmp_path / f"a{suffix}")
+    found = formats.read(tmp_path / f"a{suffix}")
+    assert found.unit == unit
+    np.testing.assert_allclose(found.points, mesh.points, rtol=1e-15)
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
