@@ -416,11 +416,9 @@ def _terminated() -> Iterator[None]:
 
     # Whoever lets us live on without a terminal, as nohup does, has said so.
     asked = [s for s in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(s) != signal.SIG_IGN]
-    try:
+    before = {}
+    with contextlib.suppress(ValueError):  # not in the main thread: whoever runs us keeps them
         before = {number: signal.signal(number, stop) for number in asked}
-    except ValueError:  # not in the main thread: whoever runs us keeps the signals
-        yield
-        return
     try:
         yield
     finally:
