@@ -76,8 +76,8 @@ def prepare(mesh: VolumeMesh, section: HomogenisationSection) -> Job:
         if name not in cells.parts:
             raise MeshError(
                 f"homogenisation: the volume mesh has no pairs of nodes {name}; wanted a periodic "
-                'one: voxels.periodic = [true, true, true], and volume.method = "voxel-hex" or, for '
-                'a model of cells whose opposite sides match, "cells"'
+                'one: voxels.periodic = [true, true, true], and volume.method = "voxel-hex" or, '
+                'for a model of cells whose opposite sides match, "cells"'
             )
     made_of = " and ".join(material.name for material in materials.values())
     title = f"effective {section.property} of a periodic cell of {made_of}"
