@@ -231,7 +231,7 @@ def test_stages_of_the_killed_go_and_those_of_the_living_stay(tmp_path):
     kept[0].mkdir()
     kept[1].write_text("no folder")
     command = [sys.executable, "-c", STAGED, str(tmp_path)]
-    other = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    other = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
     try:
         assert other.stdout is not None
         name = other.stdout.readline().strip()

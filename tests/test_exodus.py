@@ -157,7 +157,7 @@ def test_what_is_too_large_for_the_format_is_refused():
 
 
 def test_what_is_no_mesh_is_refused(tmp_path):
-    with pytest.raises(FormatError, match=r"\.exo file cannot hold a Job; wanted one of .*\.inp"):
+    with pytest.raises(FormatError, match=r"\.e file cannot hold a Job; wanted one of .*\.inp"):
         put(tmp_path, "job", Job("a body", meshes.body("hex8")), ".e")
     with pytest.raises(FormatError, match="the mesh has no cells"):
         put(tmp_path, "empty", VolumeMesh(np.zeros((2, 3)), ()))

@@ -134,7 +134,9 @@ run(["/bin/sh", "-c", "echo $$ > child; exec sleep 60"], name="g", folder=Path(s
 
 @pytest.mark.skipif(not _keeper(), reason="only setpriv binds a guest to us")
 def test_a_guest_dies_with_who_was_killed(tmp_path):
-    porous = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)])
+    porous = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(tmp_path)], stdin=subprocess.DEVNULL
+    )
     try:
         for _ in range(500):
             if (tmp_path / "child").exists() and (tmp_path / "child").read_text().strip():
