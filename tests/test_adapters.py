@@ -4,10 +4,10 @@ import importlib.util
 import itertools
 import json
 import os
-import subprocess
 from pathlib import Path
 
 import numpy as np
+import programs
 import pytest
 import skfem
 from scipy.sparse import coo_array
@@ -85,11 +85,8 @@ def test_porespy_finds_our_porosity_along_each_axis(tmp_path):
         pytest.skip("POROUS_PORESPY names no Python that has PoreSpy")
     np.savez(tmp_path / "im.npz", im=po.to_porespy(noise()).im)
     judge = Path(__file__).parent / "judges" / "porespy_judge.py"
-    done = subprocess.run(
-        [python, judge, tmp_path / "im.npz"],
-        stdin=subprocess.DEVNULL, capture_output=True, timeout=120, check=True, cwd=tmp_path,
-    )  # fmt: skip
-    said = json.loads(done.stdout.splitlines()[-1])
+    printed, _ = programs.said([python, judge, tmp_path / "im.npz"], tmp_path, seconds=120)
+    said = json.loads(printed.splitlines()[-1])
     void = noise().fill < 128
     assert said["porosity"] == pytest.approx(void.mean(), abs=1e-12)
     for axis in range(3):

@@ -4,11 +4,11 @@ import json
 import math
 import os
 import pickle
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import programs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -208,11 +208,9 @@ def test_porespy_finds_the_same_sizes(tmp_path):
         pytest.skip("POROUS_PORESPY names no Python that has PoreSpy")
     solid, given, made = noise((48, 52, 56), 8, 2), tmp_path / "im.npz", tmp_path / "radii.npz"
     np.savez(given, im=~solid)
-    done = subprocess.run(
-        [python, Path(__file__).parent / "judges" / "porespy_sizes.py", given, "1", made],
-        stdin=subprocess.DEVNULL, capture_output=True, timeout=300, check=True, cwd=tmp_path,
-    )  # fmt: skip
-    said = json.loads(done.stdout.splitlines()[-1])
+    judge = Path(__file__).parent / "judges" / "porespy_sizes.py"
+    printed, _ = programs.said([python, judge, given, "1", made], tmp_path, seconds=300)
+    said = json.loads(printed.splitlines()[-1])
     grid = grid_of(solid)
     local, along = local_thickness(grid), chord_lengths(grid).axes[0]
     gaps = np.abs(local.diameters / 2 - np.load(made)["radii"])[~solid]
