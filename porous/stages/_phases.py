@@ -12,6 +12,7 @@ from porous.stages._inside import inside
 from porous.stages._tetrahedralize import wished
 from porous.values import SHAPES, Block, Box, VolumeMesh
 from porous.values.box import SIDES
+from porous.values.volume_mesh import PHASE
 from porous.values.volume_topology import boundary_faces, extracted, hung_by_faces, nodes_of
 
 if TYPE_CHECKING:
@@ -27,10 +28,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Indices = NDArray[np.int64]
 
-PHASE = "phase"
-"""The tag of a mesh of both phases."""
 PHASES = {"pore": 0, "solid": 1}
-"""What it says of a cell."""
+"""What the tag ``PHASE`` says of a cell."""
 
 STRAYED = 2.0
 """How far the mesher may leave the box's sides, in its epsilon; nodes so near are put on them."""
