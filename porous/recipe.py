@@ -17,7 +17,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from pydantic import (
     BaseModel,
@@ -33,7 +33,13 @@ from porous import jobs, presets
 from porous.errors import RecipeError, nearest
 from porous.jobs import SimulationSection  # noqa: TC001  (pydantic reads it)
 from porous.models.image import table_of
-from porous.models.sections import BoxSection, CleanSection, Section, Spacing
+from porous.models.sections import CleanSection, Section
+from porous.models.stage_sections import (
+    ReportSection,
+    SurfaceSection,
+    VolumeSection,
+    VoxelsSection,
+)
 from porous.toml import parse_value, read_table, render_table, shown
 
 if TYPE_CHECKING:
@@ -49,122 +55,6 @@ ALTERNATIVES = (
     ("simulation.pressure_drop", "simulation.velocity"),
 )
 """Keys of which a recipe has one: setting one removes the others."""
-
-
-class VoxelsSection(Section):
-    """How the model is sampled; one of voxels, spacing and per_feature says how finely."""
-
-    voxels: int | None = Field(
-        default=None, gt=0, description="a whole number above zero: voxels along the longest edge"
-    )
-    spacing: Spacing | None = Field(
-        default=None,
-        description="the edge lengths of a voxel along x, y and z, above zero, in unit",
-    )
-    per_feature: int | None = Field(
-        default=None,
-        gt=0,
-        description="a whole number above zero: voxels across the smallest feature",
-    )
-    sampling: Literal["fill", "centre", "cover"] | None = Field(
-        default=None,
-        description='"fill", "centre" or "cover"; where it is missing, cover for an attractor '
-        "without offset and fill for all else",
-    )
-    periodic: Annotated[tuple[bool, bool, bool], Field(strict=False)] = Field(
-        default=(False, False, False), description="three of true and false, for x, y and z"
-    )
-    cubic: bool = Field(
-        default=False, description="true to pad with equal edges, false to stretch to fit"
-    )
-
-    @model_validator(mode="after")
-    def _one_resolution(self) -> VoxelsSection:
-        given = [name for name in ("voxels", "spacing", "per_feature") if getattr(self, name)]
-        if len(given) > 1:
-            raise ValueError(f"got {' and '.join(given)}; wanted one of them")
-        return self
-
-
-class SurfaceSection(Section):
-    """Where the surface comes from, and what is done to it: first smoothed, then simplified."""
-
-    method: Literal["auto", "exact", "marching-cubes", "voxel-faces", "lewiner"] = Field(
-        default="auto", description='"auto", "exact", "marching-cubes", "voxel-faces" or "lewiner"'
-    )
-    smooth: int = Field(
-        default=0, ge=0, le=1000, description="a number of smoothing steps, from 0 to 1000"
-    )
-    volume: Literal["own", "fills"] = Field(
-        default="own",
-        description='"own" or "fills": what volume a surface of voxels is to enclose; marching '
-        "cubes rounds edges off, the fills do not",
-    )
-    simplify: float = Field(
-        default=1.0, gt=0, le=1, description="the share of triangles to keep, above 0 up to 1"
-    )
-
-    @model_validator(mode="after")
-    def _has_steps(self) -> SurfaceSection:
-        if self.smooth and self.method == "exact":
-            raise ValueError(
-                'smooth: an exact boundary has no steps to smooth; wanted method = "marching-cubes"'
-            )
-        if self.volume == "fills" and self.method == "exact":
-            raise ValueError(
-                'volume: an exact boundary encloses its own; wanted method = "marching-cubes"'
-            )
-        return self
-
-
-class FinerSection(BoxSection):
-    """Where tetrahedra are to be smaller: a box and the edge length in it."""
-
-    edge_length: float = Field(
-        gt=0, description="the wanted edge length in this box, above zero, in unit"
-    )
-
-
-class VolumeSection(Section):
-    """Where the volume mesh comes from."""
-
-    method: Literal["auto", "cells", "tetwild", "voxel-hex", "none"] = Field(
-        default="auto", description='"auto", "cells", "tetwild", "voxel-hex" or "none"'
-    )
-    edge_length: float | None = Field(
-        default=None,
-        gt=0,
-        description="the wanted edge length of a tetrahedron, above zero, in unit",
-    )
-    finer: Annotated[tuple[FinerSection, ...], Field(strict=False)] = Field(
-        default=(), description="tables [[volume.finer]] with lower, upper and edge_length"
-    )
-    time_limit: float | None = Field(
-        default=None, gt=0, description="what a mesher may take at most, above zero, in seconds"
-    )
-    phase: Literal["auto", "solid", "pore", "both"] = Field(
-        default="auto",
-        description='"auto", "solid", "pore" or "both": what is meshed; auto is what the analysis '
-        "needs, and solid without one",
-    )
-    order: Literal[1, 2] = Field(
-        default=1, description="1 or 2: of the elements; 2 has nodes in the middle of edges"
-    )
-    branches: int = Field(
-        default=0,
-        ge=0,
-        description="a whole number, zero or more: letters of the addresses by which cells are "
-        "put into sets, 0 for none",
-    )
-
-    @model_validator(mode="after")
-    def _can_be(self) -> VolumeSection:
-        if self.method == "cells" and self.phase in ("pore", "both"):
-            raise ValueError(
-                f'phase: got "{self.phase}", but a model\'s cells are its solid; wanted method = '
-                '"voxel-hex" or "tetwild"'
-            )
-        return self
 
 
 class Expected(Section):
@@ -192,6 +82,7 @@ class Recipe(Section):
     simulation: SerializeAsAny[InstanceOf[SimulationSection]] | None = Field(
         default=None, description="a table [simulation]"
     )
+    report: ReportSection | None = Field(default=None, description="a table [report]")
     expect: dict[str, Expected] = Field(
         default_factory=dict, description="a table [expect] of measures"
     )

@@ -49,11 +49,13 @@ from porous.measures._roughness import (
     roughness_of_sides,
     variogram,
 )
+from porous.measures._sample import Family, Findings, Sample, Survey
 from porous.measures._surface_area import (
     interface_area,
     specific_surface_area,
     surface_area,
 )
+from porous.measures._survey import families, survey
 from porous.measures._thickness import LocalThickness, local_thickness, thicknesses
 from porous.measures._topology import (
     components,
@@ -70,11 +72,15 @@ __all__ = [
     "Census",
     "ChordLengths",
     "Chords",
+    "Family",
+    "Findings",
     "HeightMap",
     "Journal",
     "LinealPath",
     "LocalThickness",
     "OverBlocks",
+    "Sample",
+    "Survey",
     "TwoPoint",
     "Variogram",
     "affinity_dimension",
@@ -87,6 +93,7 @@ __all__ = [
     "components_26",
     "euler_number",
     "euler_number_26",
+    "families",
     "finest_printable_level",
     "fold",
     "genus",
@@ -113,6 +120,7 @@ __all__ = [
     "smallest_scaled_jacobian",
     "specific_surface_area",
     "surface_area",
+    "survey",
     "thicknesses",
     "through_porosity_x",
     "through_porosity_y",

@@ -2,6 +2,7 @@
 
 from porous.values.beams import BeamLattice
 from porous.values.box import Box
+from porous.values.curve import Curve
 from porous.values.fields import Field, MeshFields
 from porous.values.frame import Frame
 from porous.values.grid import VoxelGrid
@@ -21,6 +22,7 @@ __all__ = [
     "BeamLattice",
     "Block",
     "Box",
+    "Curve",
     "Field",
     "Frame",
     "Held",

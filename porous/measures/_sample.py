@@ -1,0 +1,234 @@
+"""A grid under survey: what several families of measures need of it, worked out once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.measures._census import Census
+from porous.measures._phase import voxels_of
+from porous.measures._thickness import local_thickness
+from porous.values import Frame, Measures, VoxelGrid
+from porous.values.value import Value
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from porous.kernels.distance import Squares
+    from porous.measures._phase import Voxels
+    from porous.measures._thickness import LocalThickness
+    from porous.models.model import Model
+    from porous.values import Curve
+
+    Progress = Callable[[str, float], None]
+
+LEAST = 4
+"""Voxels that the shortest edge of a coarser grid has at least."""
+
+EACH = 8.0
+"""Memory per voxel that squares of distances take."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a survey is asked for.
+
+    Parameters
+    ----------
+    beyond
+        What lies beyond sides that are not periodic: ``"void"`` of a body that ends there, or
+        ``"unknown"`` of what was cut out of a larger one.
+    probe
+        Diameter of the ball that pores are to let through; None for no ball in particular.
+    smallest_wall, smallest_gap
+        What the machine can make, None where there is no machine. Lengths are in the grid's unit.
+    overhang
+        Angle to the build plate, in degrees, below which a face that looks down needs support.
+    seed
+        Of what is drawn at random.
+    """
+
+    beyond: str = "void"
+    probe: float | None = None
+    smallest_wall: float | None = None
+    smallest_gap: float | None = None
+    overhang: float = 45.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Findings(Value):
+    """What a survey has found: measures, curves for plots, and what the reader should know."""
+
+    measures: Measures = field(default_factory=Measures)
+    curves: tuple[Curve, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __add__(self, other: Findings) -> Findings:
+        return Findings(
+            self.measures + other.measures, self.curves + other.curves, self.notes + other.notes
+        )
+
+
+@dataclass(frozen=True)
+class Family:
+    """Measures that are taken together.
+
+    Parameters
+    ----------
+    name, title
+        For programs and for people.
+    place
+        Where it comes among the others, the least first.
+    take
+        From a sample to what is found; a body without what is asked for gives nothing.
+    """
+
+    name: str
+    title: str
+    place: int
+    take: Callable[[Sample], Findings]
+
+
+class Sample:
+    """A grid under survey.
+
+    Parameters
+    ----------
+    grid
+        The body, in memory.
+    model
+        What it samples, if anything.
+    how
+        What is asked for.
+    progress
+        Called with what is being done and its share done, from 0 to 1; raising in it cancels.
+    """
+
+    def __init__(
+        self,
+        grid: VoxelGrid,
+        *,
+        model: Model | None = None,
+        how: Survey | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self.grid, self.model, self.progress = grid, model, progress
+        self.how = how or Survey()
+        self._squares: dict[str, Squares] = {}
+        self._thickness: dict[str, LocalThickness] = {}
+
+    @property
+    def frame(self) -> Frame:
+        """Where the voxels lie."""
+        return self.grid.frame
+
+    @cached_property
+    def census(self) -> Census:
+        """The counts of the grid."""
+        return Census(self.grid)
+
+    def has(self, phase: str) -> bool:
+        """Tell whether a phase, pore or solid, has any voxel that counts."""
+        return bool(self._fraction[phase])
+
+    @cached_property
+    def _fraction(self) -> dict[str, int]:
+        solid = int(np.count_nonzero(self.grid.solid))
+        pores = ~self.grid.solid
+        if self.grid.bulk is not None:
+            pores &= self.grid.bulk >= 128
+        return {"solid": solid, "pore": int(np.count_nonzero(pores))}
+
+    @property
+    def has_both(self) -> bool:
+        """Whether there is solid and there are pores."""
+        return self.has("solid") and self.has("pore")
+
+    def voxels(self, phase: str) -> Voxels:
+        """Return the voxels of a phase.
+
+        Raises
+        ------
+        GridError
+            Where there are none.
+        """
+        return voxels_of(self.grid, phase, self.how.beyond, phase, 1.0)
+
+    def squares(self, phase: str) -> Squares:
+        """Return the squared distances of a phase's voxels to the other phase; kept."""
+        if phase not in self._squares:
+            from porous.kernels.distance import squared_distances
+
+            voxels = voxels_of(self.grid, phase, self.how.beyond, "distances", EACH)
+            self._squares[phase] = squared_distances(
+                voxels.mask,
+                self.frame.spacing,
+                periodic=self.frame.periodic,
+                walled=voxels.walled,
+            )
+        return self._squares[phase]
+
+    def thickness(self, phase: str) -> LocalThickness:
+        """Return the local thickness of a phase; kept.
+
+        Raises
+        ------
+        GridError
+            Where one of the phases is missing.
+        """
+        if phase not in self._thickness:
+            self._thickness[phase] = local_thickness(
+                self.grid, phase=phase, beyond=self.how.beyond, progress=self.progress
+            )
+        return self._thickness[phase]
+
+    @cached_property
+    def coarse(self) -> Sample | None:
+        """The same body at half the resolution: a number there tells how far off it is here.
+
+        Voxels are means of two by two by two; a last one of an odd number is left out along axes
+        that are not periodic. None where the grid is too small, or cannot be halved along a
+        periodic axis.
+        """
+        shape = self.frame.shape
+        odd = any(n % 2 and wraps for n, wraps in zip(shape, self.frame.periodic, strict=True))
+        if odd or min(shape) < 2 * LEAST:
+            return None
+        return Sample(_halved(self.grid), model=self.model, how=self.how)
+
+    def within(self, most: int) -> Sample:
+        """Return the sample with ``most`` voxels or fewer: itself, or of coarser voxels."""
+        if self.frame.size <= most or self.coarse is None:
+            return self
+        return self.coarse.within(most)
+
+    def tell(self, name: str, done: float) -> None:
+        """Say how far the work is; raises where somebody cancels."""
+        if self.progress is not None:
+            self.progress(name, done)
+
+
+def _halved(grid: VoxelGrid) -> VoxelGrid:
+    frame = grid.frame
+    shape = tuple(n // 2 for n in frame.shape)
+    spacing = tuple(2 * h for h in frame.spacing)
+    coarse = Frame(frame.origin, spacing, shape, frame.periodic, frame.unit)  # type: ignore[arg-type]
+    bulk = None if grid.bulk is None else _means(grid.bulk)
+    return VoxelGrid(coarse, _means(grid.fill), bulk, grid.sampling, None, grid.sampling_error)
+
+
+def _means(fill: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the mean of every two by two by two voxels, rounded."""
+    x, y, z = (2 * (n // 2) for n in fill.shape)
+    sums = np.full((x // 2, y // 2, z // 2), 4, np.uint16)
+    for i in (0, 1):
+        for j in (0, 1):
+            for k in (0, 1):
+                sums += fill[i:x:2, j:y:2, k:z:2]
+    return (sums // 8).astype(np.uint8)
