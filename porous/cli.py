@@ -7,28 +7,25 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
 import signal
 import sys
-import time
 import traceback
-import warnings
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
 from porous.errors import Cancelled, ModelError, PorousError, RecipeError
 from porous.memory import limited
+from porous.terminal import Progress, complain, print_columns, print_result, quiet_warnings, tell
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from porous.pipeline import Result
     from porous.recipe import Recipe
-    from porous.values import Measures
     from porous.values.tiled import Map
     from porous.workspace import Solved
 
@@ -40,8 +37,6 @@ app = App(
     suppress_keyboard_interrupt=False,
     help_format="plaintext",
 )
-
-CLOSED = "closed form"
 
 Source = Annotated[str, Parameter(help="A preset's name, or a path to a recipe (TOML).")]
 Values = Annotated[
@@ -67,6 +62,15 @@ Cluster = Annotated[
         "the folder, or local:2 for so many processes here.",
     ),
 ]
+Detail = Annotated[
+    Literal["brief", "full"] | None,
+    Parameter(
+        name="--detail",
+        help="How much is measured: brief is porosity, surface and topology; full adds sizes, "
+        "access, transport, printability and more, with plots. Images are measured in full, and "
+        "so is what porous measure makes a report of.",
+    ),
+]
 FLAG = Parameter(negative="", show_default=False)
 Json = Annotated[bool, FLAG, Parameter(name="--json", help="Print JSON.")]
 Folder = Annotated[Path, Parameter(name=["--out", "-o"], help="The folder to fill.")]
@@ -80,7 +84,7 @@ def list_() -> None:
 
     tables = {name: read_table(presets.path_of(name)) for name in presets.names()}
     rows = [(name, table["model"]["kind"], table["title"]) for name, table in tables.items()]
-    _print_columns(rows)
+    print_columns(rows)
 
 
 @app.command
@@ -110,6 +114,7 @@ def make(
     out: Folder,
     values: Values = (),
     voxels: Voxels = None,
+    detail: Detail = None,
     only: Annotated[
         str | None,
         Parameter(
@@ -140,8 +145,8 @@ def make(
     from porous.scale.estimate import check, estimate
 
     stored = out_of_core or cluster is not None
-    with limited(max_memory), _of(source), _Progress() as progress:
-        recipe = _load(source, values, voxels)
+    with limited(max_memory), _of(source), Progress() as progress:
+        recipe = _load(source, values, voxels, detail)
         _check_chunk(chunk, stored=stored)
         if stored:
             check_stored(recipe)
@@ -151,7 +156,7 @@ def make(
         check(expected)
         if dry_run:
             return
-        _tell(expected.summary)
+        tell(expected.summary)
         if stored:
             how = {} if chunk is None else {"chunk": chunk}
             with _staying(out), _workers(cluster) as map_:
@@ -180,7 +185,7 @@ def resume(
     with (
         limited(max_memory),
         _staying(folder),
-        _Progress() as progress,
+        Progress() as progress,
         _workers(cluster) as map_,
     ):
         made = workspace.resume(folder, map=map_, progress=progress)
@@ -201,7 +206,7 @@ def solve(
     """Run the deck in a folder in CalculiX or OpenFOAM; put there what it comes to."""
     from porous import workspace
 
-    with limited(max_memory), _Progress() as progress:
+    with limited(max_memory), Progress() as progress:
         solved = workspace.solve(folder, program=program, time_limit=time_limit, progress=progress)
     _print_made(solved, folder, as_json=as_json, name="results")
 
@@ -239,7 +244,7 @@ def _print_made(
         print((folder / f"{name}.json").read_text(encoding="utf-8"), end="")
         return
     solved = name == "results"
-    _print_result(made, every=solved)
+    print_result(made, every=solved)
     files = folder.glob("results.*" if solved else "*")
     print(f"{folder}: {', '.join(sorted(path.name for path in files))}")
 
@@ -250,6 +255,7 @@ def measure(
     *,
     values: Values = (),
     voxels: Voxels = None,
+    detail: Detail = None,
     feature: Annotated[
         float | None, Parameter(help="The smallest feature that can be printed, in the unit.")
     ] = None,
@@ -262,21 +268,22 @@ def measure(
     """Measure a file, a preset or a recipe."""
     from porous import workspace
 
-    with limited(max_memory), _of(source), _Progress() as progress:
+    detail = detail or ("full" if out is not None else None)
+    with limited(max_memory), _of(source), Progress() as progress:
         if workspace.is_recipe(source):
-            result = workspace.measured(_load(source, values, voxels), feature, progress)
+            result = workspace.measured(_load(source, values, voxels, detail), feature, progress)
         elif values or voxels or feature:
             raise RecipeError(
                 f"{source}: --set, --voxels and --feature are for presets and recipes"
             )
         else:
-            result = workspace.examined(source)
+            result = workspace.examined(source, detail=detail or "brief", progress=progress)
         if out is not None:
-            workspace.write_measures(result, out)
+            workspace.write_measures(result, out, progress=progress)
     if as_json:
         print(workspace.rendered(workspace.record(result)), end="")
         return
-    _print_result(result, every=True)
+    print_result(result, every=True)
 
 
 @app.command
@@ -311,7 +318,7 @@ def formats() -> None:
         read_as = form.reads.__name__ if form.reads else "–"
         written = ", ".join(kind.__name__ for kind in form.writes) or "–"
         rows.append((", ".join(form.suffixes), form.name, read_as, written))
-    _print_columns(rows)
+    print_columns(rows)
 
 
 @app.command
@@ -320,7 +327,7 @@ def models() -> None:
     from porous.recipe import sections
 
     told = {kind: sys.modules[part.__module__].__doc__ or "" for kind, part in sections().items()}
-    _print_columns([(kind, text.splitlines()[0]) for kind, text in told.items()])
+    print_columns([(kind, text.splitlines()[0]) for kind, text in told.items()])
 
 
 @app.command
@@ -336,12 +343,12 @@ def materials(
         return
     tables = {one: read_table(presets.material_path(one)) for one in presets.material_names()}
     known = {one: sorted(set(of) - {"title", "source"}) for one, of in tables.items()}
-    _print_columns([(one, of["title"], ", ".join(known[one])) for one, of in tables.items()])
+    print_columns([(one, of["title"], ", ".join(known[one])) for one, of in tables.items()])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line; return its exit code."""
-    with _quiet_warnings(), _terminated():
+    with quiet_warnings(), _terminated():
         try:
             app(
                 sys.argv[1:] if argv is None else list(argv),
@@ -364,7 +371,7 @@ def _failed(error: BaseException) -> int:
     code, text = _verdict(error)
     if os.environ.get("POROUS_TRACEBACK"):
         traceback.print_exception(error)
-    _complain(text)
+    complain(text)
     return code
 
 
@@ -381,30 +388,6 @@ def _verdict(error: BaseException) -> tuple[int, str]:
         return 1, f"{error.filename or 'the disk'}: {(error.strerror or str(error)).lower()}"
     what = f"{type(error).__name__}: {error}"
     return 1, f"a fault of porous itself: {what} (POROUS_TRACEBACK=1 says where)"
-
-
-def _complain(text: str) -> None:
-    _tell(f"porous: {' '.join(text.split())}")
-
-
-def _tell(text: str) -> None:
-    """Say something on stderr, if anybody listens."""
-    with contextlib.suppress(OSError):
-        print(text, file=sys.stderr, flush=True)
-
-
-@contextlib.contextmanager
-def _quiet_warnings() -> Iterator[None]:
-    """Say warnings in one line; those of other people's packages are not for the user."""
-
-    def say(message: Warning | str, category: type[Warning], *_: Any) -> None:
-        if category.__module__.startswith("porous."):
-            _complain(f"warning: {message}")
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        warnings.showwarning = say  # type: ignore[assignment]
-        yield
 
 
 @contextlib.contextmanager
@@ -435,83 +418,11 @@ def _of(source: str) -> Iterator[None]:
         raise ModelError(f"{source}: {error}") from None
 
 
-def _load(source: str, values: Iterable[str], voxels: int | None) -> Recipe:
+def _load(
+    source: str, values: Iterable[str], voxels: int | None, detail: str | None = None
+) -> Recipe:
     from porous.recipe import assignment, load
 
-    chosen = dict(map(assignment, values))
-    return load(source, set=chosen if voxels is None else chosen | {"voxels.voxels": voxels})
-
-
-class _Progress:
-    """What is being done, on stderr: a bar on a terminal, else a line for every stage."""
-
-    def __init__(self) -> None:
-        self.begun: dict[str, float] = {}
-        self.bar: Any = None
-        self.tasks: dict[str, Any] = {}
-
-    def __enter__(self) -> _Progress:
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress
-
-            self.bar = Progress(console=Console(stderr=True), transient=True)
-            self.bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.bar is not None:
-            self.bar.stop()
-
-    def __call__(self, stage: str, done: float) -> None:
-        if self.bar is None:
-            self._line(stage, done)
-            return
-        if stage not in self.tasks:
-            self.tasks[stage] = self.bar.add_task(stage, total=1.0)
-        self.bar.update(self.tasks[stage], completed=done)
-
-    def _line(self, stage: str, done: float) -> None:
-        now = time.perf_counter()
-        begin = self.begun.setdefault(stage, now)
-        if done >= 1:
-            del self.begun[stage]
-            _tell(f"{stage}: {now - begin:.1f} s")
-
-
-def _print_result(result: Result | Solved, *, every: bool) -> None:
-    _print_measures(result.measures, every=every)
-    for note in result.notes:
-        print(f"note: {note}")
-    if getattr(result, "certificate", None) is not None:
-        print(result.certificate)  # type: ignore[union-attr]
-
-
-def _print_measures(measures: Measures, *, every: bool) -> None:
-    """Print what was measured, the best row of each or every one, closed forms beside it."""
-    known = {row.name: row for row in measures if row.method == CLOSED}
-    lines = [("measure", "value", "", "unit", "method", "of", CLOSED)]
-    for name in measures.names:
-        rows = [row for row in measures.all(name) if row.method != CLOSED]
-        if not rows:
-            rows = [known[name]]
-        elif not every:
-            rows = [type(measures)(tuple(rows))[name]]
-        beside = _number(known[name].value) if name in known else ""
-        for row in rows:
-            unit = "" if row.unit == "1" else row.unit
-            lines.append((name, _number(row.value), row.spread, unit, row.method, row.of, beside))
-    _print_columns(lines)
-
-
-def _number(value: float) -> str:
-    if math.isfinite(value) and value == int(value) and abs(value) < 1e9:
-        return str(int(value))
-    return f"{value:.6g}"
-
-
-def _print_columns(rows: Sequence[Sequence[str]]) -> None:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        print("  ".join(cells).rstrip())
+    given = {"voxels.voxels": voxels, "report.detail": detail}
+    chosen = {key: value for key, value in given.items() if value is not None}
+    return load(source, set={**dict(map(assignment, values)), **chosen})

@@ -135,7 +135,8 @@ def load(recipe: str | Path, *, set: Mapping[str, object] | None = None) -> Reci
     _forget(table, (set or {}).get("simulation.analysis"))
     for key, value in (set or {}).items():
         _put(table, key, value)
-    if set and not any(key.startswith("expect.") for key in set):
+    spoken = {key.partition(".")[0] for key in set or ()}
+    if spoken - {"report"} and "expect" not in spoken:
         table.pop("expect", None)
     return parse(table, name=str(path), folder=path.parent)
 

@@ -337,6 +337,22 @@ def by_vtk_image(path):
     return seen(image["fill"].reshape(shape, order="F"), image.spacing, image.origin)
 
 
+def by_vtk_maps(path):
+    image = pyvista.read(path)
+    assert image.get_cell(0).bounds[1] == pytest.approx(image.origin[0] + image.spacing[0])
+    return of_lengths(image.cell_data, image.spacing, image.origin)
+
+
+def of_maps(value):
+    flat = {name: values.ravel(order="F") for name, values in value.maps.items()}
+    return of_lengths(flat, value.frame.spacing, value.frame.box.lower)
+
+
+def of_lengths(arrays, spacing, corner):
+    told = {name: values.tolist() for name, values in arrays.items()}
+    return told | {"spacing": list(map(float, spacing)), "corner": list(map(float, corner))}
+
+
 def by_layers(path):
     """Return the heights of layers and the area of the solid in each, in mm."""
     found = strict_cli.read(path)
@@ -423,6 +439,7 @@ SURFACES = {
     ".stl": Judge(each(by_trimesh), alone=False),
 }
 BEAMS = {".3mf": Judge(by_lib3mf)}
+MAPS = {".vti": Judge(each(by_vtk_maps), alone=False)}
 
 # --- all of them ---
 
@@ -433,6 +450,7 @@ TABLES = {
     "VoxelGrid": VOXELS,
     "SurfaceMesh": SURFACES,
     "BeamLattice": BEAMS,
+    "VoxelMaps": MAPS,
 }
 """By the name of what is written, and the format's suffix."""
 

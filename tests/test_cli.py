@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 import os
 import subprocess
 import sys
@@ -10,6 +12,7 @@ import time
 from importlib.metadata import version
 
 import pytest
+import pyvista
 
 from porous import presets
 from porous.cli import main
@@ -159,7 +162,25 @@ def test_measure_writes_a_report(capsys, tmp_path):
     assert main(["make", "menger", "-o", str(tmp_path / "a"), "--only", "surface", *FAST]) == 0
     assert main(["measure", str(tmp_path / "a" / "surface.stl"), "-o", str(tmp_path / "b")]) == 0
     capsys.readouterr()
-    assert {path.name for path in (tmp_path / "b").iterdir()} == {LAST, "report.html"}
+    assert {path.name for path in (tmp_path / "b").iterdir()} == {
+        LAST,
+        "measures.csv",
+        "report.html",
+    }
+
+
+def test_full_detail_is_a_flag_and_stands_in_the_recipe(capsys, tmp_path):
+    rest = ["-o", str(tmp_path / "a"), "--only", "measures", "--detail", "full", *FAST]
+    assert main(["make", "menger", *rest, "--set", "report.maps=true"]) == 0
+    capsys.readouterr()
+    assert load(tmp_path / "a" / "recipe.toml").report.detail == "full"
+    rows = csv.DictReader((tmp_path / "a" / "measures.csv").read_text().splitlines())
+    told = json.loads((tmp_path / "a" / LAST).read_text())["measures"]
+    assert [
+        (row["name"], float(row["value"])) for row in rows if math.isfinite(float(row["value"]))
+    ] == [(row["name"], row["value"]) for row in told if row["value"] is not None]
+    maps = pyvista.read(tmp_path / "a" / "maps.vti")
+    assert set(maps.cell_data) == {"pore_diameter", "wall_thickness"}
 
 
 def test_measure_tells_the_finest_level_that_can_be_printed(capsys):

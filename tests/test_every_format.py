@@ -18,6 +18,7 @@ from format_judges import (
     near,
     of_beams,
     of_fields,
+    of_maps,
     of_mesh,
     of_triangles,
     of_voxels,
@@ -100,6 +101,7 @@ def job_of(form, kind):
 
 
 GRID = grey_grid(unit="um", start=(0, 0, 0))
+MAPS = values.VoxelMaps(GRID.frame, {"pore": GRID.fill / 7, "wall": GRID.fill * 0.1})
 
 
 # --- surfaces and beams ------------------------------------------------------------------------
@@ -144,6 +146,7 @@ def given(form, kind):
         "VoxelGrid": lambda: (GRID, of_voxels(GRID)),
         "SurfaceMesh": lambda: (ball(), of_triangles(ball())),
         "BeamLattice": lambda: (lattice(), of_beams(lattice())),
+        "VoxelMaps": lambda: (MAPS, of_maps(MAPS)),
     }
     if kind in single:
         return {"one": single[kind]()}

@@ -22,6 +22,7 @@ ALL = {
     "hexes.vtu",
     "hexes.inp",
     "report.html",
+    "measures.csv",
     "log.json",
 }
 

@@ -9,7 +9,7 @@ one that holds nothing but 0 and 1 is a mask, and 1 is solid.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import SubElement
 
 import numpy as np
@@ -19,7 +19,7 @@ from porous.formats._registry import Format
 from porous.formats._vtk import Document, Writer, child, named, unit_of, vector, word
 from porous.formats.gate import RATIO, need, refuse, whole
 from porous.memory import check_memory
-from porous.values import Frame, VoxelGrid
+from porous.values import Frame, VoxelGrid, VoxelMaps
 from porous.values.image import Image
 
 if TYPE_CHECKING:
@@ -91,28 +91,40 @@ def _grey(arrays: dict[str, Element]) -> dict[str, Element]:
     return {OURS: one[OURS]} if OURS in one else {n: e for n, e in one.items() if e.get("type")}
 
 
-def write(grid: VoxelGrid) -> Iterator[bytes]:
-    """Write a grid of voxels as cell data, compressed."""
-    frame = grid.frame
+def write(value: VoxelGrid | VoxelMaps) -> Iterator[bytes]:
+    """Write a grid of voxels, or what is known of each of its voxels, as cell data, compressed."""
     writer = Writer(KIND)
-    ends = [str(v) for a, n in zip(frame.start, frame.shape, strict=True) for v in (a, a + n)]
-    extent = " ".join(ends)
-    image = SubElement(writer.root, KIND, {"WholeExtent": extent})
-    image.set("Origin", _spell(frame.origin))
-    image.set("Spacing", _spell(frame.spacing))
+    image = _image(writer, value.frame)
     fields = SubElement(image, "FieldData")
-    writer.unit(fields, frame.unit)
+    writer.unit(fields, value.frame.unit)
+    if isinstance(value, VoxelMaps):
+        arrays: dict[str, NDArray[Any]] = dict(value.maps)
+    else:
+        arrays = {OURS: value.fill} | ({} if value.bulk is None else {"bulk": value.bulk})
+        _tell(writer, fields, value)
+    piece = SubElement(image, "Piece", {"Extent": str(image.get("WholeExtent"))})
+    cells = SubElement(piece, "CellData", Scalars=next(iter(arrays)))
+    for name, values in arrays.items():
+        writer.array(cells, name, values.transpose(2, 1, 0).reshape(-1))
+    return writer.chunks()
+
+
+def _tell(writer: Writer, fields: Element, grid: VoxelGrid) -> None:
+    """Say how a grid was made."""
     writer.strings(fields, "sampling", [grid.sampling])
-    writer.field(fields, "periodic", np.array(frame.periodic, dtype=np.uint8))
+    writer.field(fields, "periodic", np.array(grid.frame.periodic, dtype=np.uint8))
     if grid.hausdorff is not None:
         writer.field(fields, "hausdorff", np.array([grid.hausdorff], dtype=np.float64))
     if grid.sampling_error:
         writer.field(fields, "sampling_error", np.array([grid.sampling_error], dtype=np.float64))
-    cells = SubElement(SubElement(image, "Piece", {"Extent": extent}), "CellData", Scalars=OURS)
-    writer.array(cells, OURS, grid.fill.transpose(2, 1, 0).reshape(-1))
-    if grid.bulk is not None:
-        writer.array(cells, "bulk", grid.bulk.transpose(2, 1, 0).reshape(-1))
-    return writer.chunks()
+
+
+def _image(writer: Writer, frame: Frame) -> Element:
+    ends = [str(v) for a, n in zip(frame.start, frame.shape, strict=True) for v in (a, a + n)]
+    image = SubElement(writer.root, KIND, {"WholeExtent": " ".join(ends)})
+    image.set("Origin", _spell(frame.origin))
+    image.set("Spacing", _spell(frame.spacing))
+    return image
 
 
 def _spell(values: tuple[float, ...]) -> str:
@@ -175,5 +187,11 @@ def _voxels(document: Document, element: Element, frame: Frame) -> NDArray[np.ui
 
 
 FORMAT = Format(
-    "VTK image data", (".vti",), VoxelGrid, read, (VoxelGrid,), write, read_image=read_image
+    "VTK image data",
+    (".vti",),
+    VoxelGrid,
+    read,
+    (VoxelGrid, VoxelMaps),
+    write,
+    read_image=read_image,
 )

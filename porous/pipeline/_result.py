@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from porous.measures import Findings
 from porous.values import Measures
 from porous.values.value import Value
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from porous.certificate import Certificate
+    from porous.measures import LocalThickness
     from porous.models.model import Model
     from porous.recipe import Recipe
     from porous.scale import StoredGrid
@@ -39,6 +41,12 @@ class Result(Value):
         Seconds that each stage took.
     notes
         What was decided on the way and what the user should know.
+    findings
+        What a survey found, where the recipe is measured in full; its measures are among
+        ``measures`` too.
+    maps
+        How wide pores and how thick walls are, voxel by voxel, by phase: ``"pore"`` and
+        ``"solid"``; empty in brief.
     """
 
     recipe: Recipe | None
@@ -51,7 +59,10 @@ class Result(Value):
     certificate: Certificate | None = None
     times: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    findings: Findings = field(default_factory=Findings)
+    maps: Mapping[str, LocalThickness] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._set("times", MappingProxyType(dict(self.times)))
+        for name in ("times", "maps"):
+            self._set(name, MappingProxyType(dict(getattr(self, name))))
         self._set("notes", tuple(self.notes))

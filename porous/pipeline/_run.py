@@ -10,12 +10,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from porous.errors import RecipeError, nearest
+from porous.measures import Survey
 from porous.pipeline._rehearsal import rehearse
 from porous.pipeline._result import Result
 from porous.pipeline._stored import Place, StoredWork
+from porous.pipeline._survey import IN_MEMORY, is_full, surveyed
 from porous.pipeline._work import Work
 from porous.scale import CHUNK
-from porous.values import Tiled
+from porous.values import Tiled, VoxelGrid
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
     from porous.recipe import Recipe
     from porous.scale import StoredGrid
-    from porous.values import SurfaceMesh, VolumeMesh, VoxelGrid
+    from porous.values import SurfaceMesh, VolumeMesh
     from porous.values.tiled import Map
 
 Progress = Callable[[str, float], None]
@@ -40,6 +42,9 @@ WANTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """What ``only`` may be, and the stages it asks for; those that they need run besides."""
+
+SURVEYED = (None, "all", "measures")
+"""What ``only`` is where all is measured that the recipe asks for."""
 
 
 def run(recipe: Recipe, *, only: str | None = None, progress: Progress | None = None) -> Result:
@@ -59,7 +64,7 @@ def run(recipe: Recipe, *, only: str | None = None, progress: Progress | None = 
     PorousError
         As the stages do: ``ModelError``, ``MemoryLimitError``, ``MeshError``, ``GuestError``, …
     """
-    return _through(Work(recipe, progress), _wanted(only))
+    return _through(Work(recipe, progress), only)
 
 
 def run_stored(
@@ -103,12 +108,13 @@ def run_stored(
     PorousError
         As the stages and the store do.
     """
-    wanted = _wanted(only)
+    _wanted(only)
     work = StoredWork(recipe, progress, Place(folder, identity, begin, chunk), map)
-    return _through(work, wanted)
+    return _through(work, only)
 
 
-def _through(work: Work, wanted: tuple[str, ...]) -> Result:
+def _through(work: Work, only: str | None) -> Result:
+    wanted = _wanted(only)
     if "simulation" in wanted:
         rehearse(work.recipe)
     work.build()
@@ -121,20 +127,50 @@ def _through(work: Work, wanted: tuple[str, ...]) -> Result:
     if "simulation" in wanted:
         work.prepare_job()
     work.measure()
+    if only in SURVEYED and is_full(work.recipe):
+        work.survey()
     work.certify()
     return work.result()
 
 
-def examine(value: VoxelGrid | StoredGrid | SurfaceMesh | VolumeMesh) -> Result:
-    """Return the measures of a value that came from a file, as a result without a recipe."""
+def examine(
+    value: VoxelGrid | StoredGrid | SurfaceMesh | VolumeMesh,
+    *,
+    detail: str = "brief",
+    progress: Progress | None = None,
+) -> Result:
+    """Return the measures of a value that came from a file, as a result without a recipe.
+
+    Parameters
+    ----------
+    value
+        What to measure.
+    detail
+        brief or full: a grid in memory may be surveyed besides, as what was cut out of a larger
+        body.
+    progress
+        As for ``run``.
+    """
     from porous.measures import measure, roughness_of_sides
 
     begin = time.perf_counter()
-    measures = measure(value)
+    measures = measure(value, progress=progress)
     if isinstance(value, Tiled):
         measures += roughness_of_sides(value)
     made = Result(None, measures=measures, times={"measures": time.perf_counter() - begin})
-    return replace(made, **{_FIELDS[type(value).__name__]: value})  # type: ignore[arg-type]
+    made = replace(made, **{_FIELDS[type(value).__name__]: value})  # type: ignore[arg-type]
+    if detail == "brief":
+        return made
+    if not isinstance(value, VoxelGrid):
+        return replace(made, notes=(*made.notes, IN_MEMORY))
+    found = surveyed(value, None, Survey(beyond="unknown"), progress)
+    return replace(
+        made,
+        measures=measures + found.findings.measures,
+        findings=found.findings,
+        maps=found.maps,
+        times={**made.times, **found.times},
+    )
 
 
 _FIELDS = {

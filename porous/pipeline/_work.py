@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from porous.errors import GridError, GuestError, MemoryLimitError, MeshError, ModelError
+from porous.measures import Findings
 from porous.pipeline._result import Result
+from porous.pipeline._survey import IN_MEMORY, how_of, surveyed
 from porous.recipe import build
 from porous.values import Box, Measures, Part, VoxelGrid
 from porous.values.box import SIDES
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from porous.certificate import Certificate
-    from porous.measures import Census, Journal
+    from porous.measures import Census, Journal, LocalThickness
     from porous.models.model import Model
     from porous.models.sections import CleanSection
     from porous.recipe import Recipe
@@ -97,6 +99,7 @@ class Work:
         self.volume: VolumeMesh | None = None
         self.job: Job | None = None
         self.measures = Measures()
+        self.findings, self.maps = Findings(), dict[str, "LocalThickness"]()
         self.certificate: Certificate | None = None
         self.is_exact = self.is_cleaned = False
         self.filled = ""
@@ -401,6 +404,17 @@ class Work:
 
         self.measures = self._timed("measures", take)
 
+    def survey(self) -> None:
+        """Measure what takes longer; what the grid was cleaned of is not the model's any more."""
+        if not isinstance(self.grid, VoxelGrid):
+            self.notes.append(IN_MEMORY)
+            return
+        model = None if self.is_cleaned else self.model
+        found = surveyed(self.grid, model, how_of(self.recipe, self.model), self.progress)
+        self.findings, self.maps = found.findings, dict(found.maps)
+        self.measures += found.findings.measures
+        self.times |= found.times
+
     def _tasks(self) -> Iterator[tuple[Any, dict[str, Any]]]:
         """Yield what is to be measured, if it was made, and what that was made from.
 
@@ -453,6 +467,8 @@ class Work:
             self.certificate,
             self.times,
             tuple(self.notes),
+            self.findings,
+            self.maps,
         )
 
     def _solid_grid(self) -> VoxelGrid:

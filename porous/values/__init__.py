@@ -14,6 +14,7 @@ from porous.values.pattern import CENTRE, FILL, Pattern
 from porous.values.surface import SurfaceMesh
 from porous.values.tiled import Tiled
 from porous.values.volume_mesh import SHAPES, Block, Part, VolumeMesh
+from porous.values.voxel_maps import VoxelMaps
 
 __all__ = [
     "CENTRE",
@@ -41,4 +42,5 @@ __all__ = [
     "Tiled",
     "VolumeMesh",
     "VoxelGrid",
+    "VoxelMaps",
 ]

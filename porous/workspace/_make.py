@@ -16,7 +16,7 @@ from porous.errors import DiskError, FormatError, RecipeError
 from porous.recipe import dump, files, load, with_files
 from porous.scale import CHUNK, StoredGrid
 from porous.stages import StreamedSurface
-from porous.values import SurfaceMesh, VoxelGrid
+from porous.values import SurfaceMesh, VoxelGrid, VoxelMaps
 from porous.workspace._folder import KINDS, RESULTS, as_json, row_of
 
 if TYPE_CHECKING:
@@ -42,6 +42,9 @@ KNOWN = (
     *(f"{kind}.{suffix}" for kind in KINDS for suffix in ("vtu", *DECK)),
     *RESULTS,
     "report.html",
+    "maps.vti",
+    "measures.csv",
+    "curves.csv",
     LOG,
 )
 """What else a folder may hold, besides decks that are asked for; what a new run does not write
@@ -360,7 +363,7 @@ def _unreadable(path: Path, error: OSError) -> DiskError:
     return DiskError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}")
 
 
-def write_measures(result: Result, folder: str | Path) -> None:
+def write_measures(result: Result, folder: str | Path, *, progress: Progress | None = None) -> None:
     """Put the report and the measures of a result into a folder, ``measures.json`` last.
 
     Raises
@@ -369,7 +372,8 @@ def write_measures(result: Result, folder: str | Path) -> None:
         Where the folder cannot be written to.
     """
     with disk.staging(folder) as stage:
-        _report(result, stage / "report.html", None)
+        _report(result, stage / "report.html", progress)
+        _tables(result, stage)
         disk.write_bytes(stage / LAST, as_json(record(result)))
         disk.commit(stage, folder, last=LAST, stale=_stale_of(Path(folder)))
 
@@ -402,6 +406,7 @@ def _finish(
         _write(value, stage / name)
     if asked["only"] is None:
         _report(result, stage / "report.html", progress)
+    _tables(result, stage)
     disk.write_bytes(stage / LAST, as_json(record(result)))
     if place is not None:
         asked = {**asked, "files": _sums(result, stage, place)}
@@ -492,6 +497,9 @@ def _content(path: Path) -> bytes:
 def _artefacts(result: Result) -> Iterator[tuple[str, Any]]:
     if isinstance(result.grid, VoxelGrid):
         yield "grid.vti", result.grid
+    asked = result.recipe.report if result.recipe else None
+    if result.maps and asked and asked.maps:
+        yield "maps.vti", _maps(result)
     if isinstance(result.surface, SurfaceMesh):
         yield "surface.stl", result.surface
     if result.volume is not None:
@@ -524,6 +532,22 @@ def _write(value: Any, path: Path) -> None:
     from porous.formats import write
 
     write(value, path)
+
+
+def _tables(result: Result, stage: Path) -> None:
+    """Write the numbers for who opens them in a spreadsheet: those of ``measures.json``."""
+    from porous.report import curves_csv, measures_csv
+
+    disk.write_bytes(stage / "measures.csv", measures_csv(result.measures))
+    if result.findings.curves:
+        disk.write_bytes(stage / "curves.csv", curves_csv(result.findings.curves))
+
+
+def _maps(result: Result) -> VoxelMaps:
+    """Return how wide pores and how thick walls are, for a file."""
+    names = {"pore": "pore_diameter", "solid": "wall_thickness"}
+    frame = next(iter(result.maps.values())).frame
+    return VoxelMaps(frame, {names[k]: local.diameters for k, local in result.maps.items()})
 
 
 def _report(result: Result, path: Path, progress: Progress | None) -> None:

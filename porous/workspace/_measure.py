@@ -47,8 +47,15 @@ def measured(recipe: Recipe, feature: float | None, progress: Progress | None = 
     return replace(result, measures=result.measures + Measures((level,)))
 
 
-def examined(path: str) -> Result:
+def examined(path: str, *, detail: str = "brief", progress: Progress | None = None) -> Result:
     """Return the measures of a file, of a store of voxels, or of the mesh that fields are on.
+
+    Parameters
+    ----------
+    path
+        The file, or the folder of a store.
+    detail, progress
+        As ``examine`` takes them.
 
     Raises
     ------
@@ -64,9 +71,10 @@ def examined(path: str) -> Result:
     from porous.values.surface_topology import check_closed
 
     if Path(path).is_dir():
-        return pipeline.examine(StoredGrid.open(path))
+        return pipeline.examine(StoredGrid.open(path), detail=detail, progress=progress)
     value = read(path)
     if isinstance(value, SurfaceMesh):
         check_closed(value)
         check_uncrossed(value)
-    return pipeline.examine(value.mesh if isinstance(value, MeshFields) else value)  # type: ignore[arg-type]
+    known = value.mesh if isinstance(value, MeshFields) else value
+    return pipeline.examine(known, detail=detail, progress=progress)  # type: ignore[arg-type]

@@ -1,0 +1,69 @@
+"""What takes longer to measure: family by family, on the clock, and what it leaves to be drawn."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, NamedTuple
+
+from porous.measures import Findings, Sample, Survey, families
+from porous.models.model import HasDoubts, HasLattice
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from porous.measures import LocalThickness
+    from porous.models.model import Model
+    from porous.recipe import Recipe
+    from porous.values import VoxelGrid
+
+    Progress = Callable[[str, float], None]
+
+IN_MEMORY = (
+    "full detail is measured of voxels in memory only; out of core the report has what passes over "
+    "the tiles tell"
+)
+
+
+class Surveyed(NamedTuple):
+    """What was found, local thicknesses by phase, and the seconds that each family took."""
+
+    findings: Findings
+    maps: Mapping[str, LocalThickness]
+    times: Mapping[str, float]
+
+
+def is_full(recipe: Recipe) -> bool:
+    """Tell whether a recipe is measured in full: where it says so, and images unasked."""
+    asked = recipe.report.detail if recipe.report else None
+    return asked == "full" or (asked is None and _kind(recipe) == "image")
+
+
+def _kind(recipe: Recipe) -> str:
+    return recipe.model.kind  # type: ignore[attr-defined,no-any-return]
+
+
+def how_of(recipe: Recipe, model: Model) -> Survey:
+    """Return what a recipe asks a survey for."""
+    cut = isinstance(model, HasLattice) or (isinstance(model, HasDoubts) and model.is_cut)
+    beyond = "unknown" if cut else "void"
+    given = recipe.report
+    if given is None:
+        return Survey(beyond, seed=recipe.seed)
+    return Survey(
+        beyond, given.probe, given.smallest_wall, given.smallest_gap, given.overhang, recipe.seed
+    )
+
+
+def surveyed(
+    grid: VoxelGrid, model: Model | None, how: Survey, progress: Progress | None
+) -> Surveyed:
+    """Return what all families find out about a grid; each is told of under its own name."""
+    sample, found, times = Sample(grid, model=model, how=how, progress=progress), Findings(), {}
+    for family in families():
+        begin = time.perf_counter()
+        sample.tell(family.name, 0.0)
+        found += family.take(sample)
+        times[family.name] = time.perf_counter() - begin
+        sample.tell(family.name, 1.0)
+    phases = ("pore", "solid") if sample.has_both else ()
+    return Surveyed(found, {phase: sample.thickness(phase) for phase in phases}, times)
