@@ -108,6 +108,12 @@ class Recipe(Section):
         return "solid" if needed == "both" and not filled else needed
 
     @property
+    def detail(self) -> str:
+        """How much is measured: ``"brief"`` or ``"full"``; images in full where nothing is said."""
+        asked = self.report.detail if self.report else None
+        return asked or ("full" if self.model.kind == "image" else "brief")  # type: ignore[attr-defined]
+
+    @property
     def sha256(self) -> str:
         """The hash of the recipe in full, as written by ``dump``."""
         return hashlib.sha256(dump(self).encode()).hexdigest()

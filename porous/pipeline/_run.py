@@ -14,7 +14,7 @@ from porous.measures import Survey
 from porous.pipeline._rehearsal import rehearse
 from porous.pipeline._result import Result
 from porous.pipeline._stored import Place, StoredWork
-from porous.pipeline._survey import IN_MEMORY, is_full, surveyed
+from porous.pipeline._survey import IN_MEMORY, surveyed
 from porous.pipeline._work import Work
 from porous.scale import CHUNK
 from porous.values import Tiled, VoxelGrid
@@ -127,7 +127,7 @@ def _through(work: Work, only: str | None) -> Result:
     if "simulation" in wanted:
         work.prepare_job()
     work.measure()
-    if only in SURVEYED and is_full(work.recipe):
+    if only in SURVEYED and work.recipe.detail == "full":
         work.survey()
     work.certify()
     return work.result()

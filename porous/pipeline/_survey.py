@@ -32,16 +32,6 @@ class Surveyed(NamedTuple):
     times: Mapping[str, float]
 
 
-def is_full(recipe: Recipe) -> bool:
-    """Tell whether a recipe is measured in full: where it says so, and images unasked."""
-    asked = recipe.report.detail if recipe.report else None
-    return asked == "full" or (asked is None and _kind(recipe) == "image")
-
-
-def _kind(recipe: Recipe) -> str:
-    return recipe.model.kind  # type: ignore[attr-defined,no-any-return]
-
-
 def how_of(recipe: Recipe, model: Model) -> Survey:
     """Return what a recipe asks a survey for."""
     cut = isinstance(model, HasLattice) or (isinstance(model, HasDoubts) and model.is_cut)
