@@ -1,7 +1,8 @@
 """Exact Euclidean distances of the voxels of a mask to the nearest voxel outside of it.
 
-Rows first, then one lower envelope of parabolas per line and axis (P. F. Felzenszwalb,
-D. P. Huttenlocher, Theory of Computing 8, 2012), of sixteen lines at a time.
+Rows first, then the lower envelope of parabolas along each line of both other axes. Where that is
+near, it is looked for step by step, of many lines at a time; where it is not, by where parabolas
+cross (P. F. Felzenszwalb, D. P. Huttenlocher, Theory of Computing 8, 2012).
 """
 
 from __future__ import annotations
@@ -27,8 +28,17 @@ SLAB = 1 << 21
 FAR = 1 << 30
 """The square where there is nothing to be far from; squares of whole numbers stay below it."""
 
-WIDE = 16
-"""Lines that are fetched together: what one line of a cache holds of them."""
+WIDE = 64
+"""Lines that are looked at together."""
+
+NEAR = 48
+"""How far, in voxels, one looks step by step."""
+
+STEPS = 4
+"""Steps between two looks at whether it is enough."""
+
+NOWHERE = 1 << 24
+"""More voxels than an edge has."""
 
 
 class Squares(NamedTuple):
@@ -93,10 +103,10 @@ def squared_distances(
         _rows(given, weights[2], ends[2], far, result, a, b)
 
     def along_y(a: int, b: int) -> None:
-        _envelopes(flat, (y, z), (y * z, z), (weights[1], far), ends[1], a, b)
+        _lines(flat, (y, z), (y * z, z), (weights[1], far), ends[1], a, b)
 
     def along_x(a: int, b: int) -> None:
-        _envelopes(flat, (x, z), (z, y * z), (weights[0], far), ends[0], a, b)
+        _lines(flat, (x, z), (z, y * z), (weights[0], far), ends[0], a, b)
 
     slabs(x, max(1, SLAB // (y * z)), rows, told(0))
     slabs(x, max(1, SLAB // (y * z)), along_y, told(x))
@@ -107,33 +117,94 @@ def squared_distances(
 @kernel
 def _rows(mask, weight, ends, far, out, first, last):
     n = mask.shape[2]
+    away = np.zeros(n, np.int32)
     for i in range(first, last):
         for j in range(mask.shape[1]):
-            below, above = -far, far
-            if ends == 2:
-                below, above = -1.0, np.float64(n)
+            below = above = NOWHERE if ends == 0 else 0
             if ends == 1:
+                below = above = NOWHERE
                 for k in range(n):
                     if mask[i, j, k] == 0:
-                        below = np.float64(k - n)
-                        if above == far:
-                            above = np.float64(k + n)
+                        below = n - 1 - k
+                        above = min(above, k)
             for k in range(n):
-                if mask[i, j, k] == 0:
-                    below = np.float64(k)
-                out[i, j, k] = min(k - below, 16777216.0)
+                below = min(below + 1, NOWHERE) if mask[i, j, k] != 0 else 0
+                away[k] = below
             for k in range(n - 1, -1, -1):
-                if mask[i, j, k] == 0:
-                    above = np.float64(k)
-                near = min(np.float64(out[i, j, k]), above - k)
-                out[i, j, k] = far if near >= 16777216.0 else near * near * weight
+                above = min(above + 1, np.int64(away[k]))
+                out[i, j, k] = far if above == NOWHERE else above * above * weight
 
 
 @kernel
-def _envelopes(flat, counts, strides, scale, ends, first, last):
+def _lines(flat, counts, strides, scale, ends, first, last):
     # Lines of counts[0] voxels; counts[1] of them lie side by side. Beyond the line's own voxels
     # there are sources: its own again (ends 1), or one at each end (ends 2).
     n, side = counts
+    weight, far = scale
+    around = np.empty((n + 2 * NEAR) * WIDE, flat.dtype)
+    best = np.empty(WIDE, flat.dtype)
+    for outer in range(first, last):
+        for k in range(0, side, WIDE):
+            place = (outer * strides[0] + k, strides[1], min(WIDE, side - k))
+            _fetch(flat, place, n, far, ends, around)
+            if weight * NEAR * NEAR < FAR and _look(flat, place, n, weight, around, best):
+                continue
+            _envelopes(flat, place, n, scale, ends, around)
+
+
+@kernel
+def _fetch(flat, place, n, far, ends, around):
+    # Lines side by side, and what lies beyond their ends.
+    base, stride, wide = place
+    for p in range(-NEAR, n + NEAR):
+        to = np.uint64((p + NEAR) * WIDE)
+        if 0 <= p < n or ends == 1:
+            at = np.uint64(base + p % n * stride)
+            for c in range(wide):
+                around[to + np.uint64(c)] = flat[at + np.uint64(c)]
+        else:
+            value = flat.dtype.type(0 if ends == 2 and -1 <= p <= n else far)
+            for c in range(wide):
+                around[to + np.uint64(c)] = value
+        for c in range(wide, WIDE):
+            around[to + np.uint64(c)] = 0
+
+
+@kernel
+def _look(flat, place, n, weight, around, best):
+    # Step by step from each voxel; tell whether that was enough everywhere. Loops without a way
+    # out are those that are done for many lines at once.
+    base, stride, wide = place
+    enough = True
+    for p in range(n):
+        here = np.uint64((p + NEAR) * WIDE)
+        most = flat.dtype.type(0)
+        for c in range(WIDE):
+            best[c] = around[here + np.uint64(c)]
+            most = max(most, best[c])
+        step = 1
+        while enough and step <= NEAR and weight * step * step < most:
+            for ahead in range(step, step + STEPS):
+                low, high = here - np.uint64(ahead * WIDE), here + np.uint64(ahead * WIDE)
+                rise = flat.dtype.type(weight * ahead * ahead)
+                for c in range(WIDE):
+                    near = min(around[low + np.uint64(c)], around[high + np.uint64(c)])
+                    best[c] = min(best[c], flat.dtype.type(near + rise))
+            most = flat.dtype.type(0)
+            for c in range(WIDE):
+                most = max(most, best[c])
+            step += STEPS
+        enough &= weight * step * step >= most
+        at = np.uint64(base + p * stride)
+        for c in range(wide):
+            flat[at + np.uint64(c)] = best[c]
+    return enough
+
+
+@kernel
+def _envelopes(flat, place, n, scale, ends, around):
+    # Where parabolas cross, line by line.
+    base, stride, wide = place
     weight, far = scale
     pad = 0
     if ends == 1:
@@ -141,52 +212,46 @@ def _envelopes(flat, counts, strides, scale, ends, first, last):
     if ends == 2:
         pad = 1
     length = n + 2 * pad
-    heights = np.empty((WIDE, length), np.float64)
+    line = np.empty(length, np.float64)
     hull = np.empty(length + 1, np.int64)
     bounds = np.empty(length + 1, np.float64)
     halves = np.empty(length + 1, np.float64)
     for q in range(1, length + 1):
         halves[q] = 0.5 / (weight * q)
-    for outer in range(first, last):
-        for k in range(0, side, WIDE):
-            wide = min(WIDE, side - k)
-            base = outer * strides[0] + k
-            for p in range(n):
-                at = base + p * strides[1]
-                for c in range(wide):
-                    heights[c, p + pad] = flat[at + c]
-            for c in range(wide):
-                line = heights[c]
-                if ends == 2:
-                    line[0], line[n + 1] = 0.0, 0.0
-                if ends == 1:
-                    for p in range(pad):
-                        line[p] = line[n + p]
-                        line[n + pad + p] = line[pad + p]
-                top = -1
-                for q in range(length):
-                    height = line[q]
-                    if height >= far:
-                        continue
-                    place = -np.inf
-                    while top >= 0:
-                        v = hull[top]
-                        rise = height - line[v]
-                        place = 0.5 * (q + v) + rise * halves[q - v]
-                        if place > bounds[top]:
-                            break
-                        top -= 1
-                    if top < 0:
-                        place = -np.inf
-                    top += 1
-                    hull[top], bounds[top] = q, place
-                if top < 0:
-                    continue
-                bounds[top + 1] = np.inf
-                at, v = base + c, 0
-                for p in range(n):
-                    while bounds[v + 1] < p + pad:
-                        v += 1
-                    gap = p + pad - hull[v]
-                    flat[at] = line[hull[v]] + weight * gap * gap
-                    at += strides[1]
+    for c in range(wide):
+        for p in range(n):
+            line[p + pad] = around[(p + NEAR) * WIDE + c]
+        if ends == 2:
+            line[0], line[n + 1] = 0.0, 0.0
+        if ends == 1:
+            for p in range(pad):
+                line[p] = line[n + p]
+                line[n + pad + p] = line[pad + p]
+        top = -1
+        for q in range(length):
+            height = line[q]
+            if height >= far:
+                continue
+            crossing = -np.inf
+            while top >= 0:
+                v = hull[top]
+                crossing = 0.5 * (q + v) + (height - line[v]) * halves[q - v]
+                if crossing > bounds[top]:
+                    break
+                top -= 1
+            if top < 0:
+                crossing = -np.inf
+            top += 1
+            hull[top], bounds[top] = q, crossing
+        at, v = base + c, 0
+        if top >= 0:
+            bounds[top + 1] = np.inf
+        for p in range(n):
+            if top < 0:
+                flat[at] = around[(p + NEAR) * WIDE + c]
+            else:
+                while bounds[v + 1] < p + pad:
+                    v += 1
+                gap = p + pad - hull[v]
+                flat[at] = line[hull[v]] + weight * gap * gap
+            at += stride
