@@ -138,6 +138,8 @@ OWNERS = {
     "trimesh": ("adapters.py",),
     "skfem": ("adapters.py",),
     "jinja2": ("report/",),
+    "markupsafe": ("report/",),
+    "plotly": ("report/",),
     "cyclopts": ("cli.py",),
     "pickle": (),
     "multiprocessing": (),

@@ -1,5 +1,7 @@
 """The report: one page that needs nothing else, says everything, and escapes what it is told."""
 
+import base64
+import hashlib
 import itertools
 import math
 import re
@@ -8,15 +10,20 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from report_curves import plotted
 
 from porous import disk, view
 from porous.certificate import Certificate, Check, certify
 from porous.errors import DiskError, ViewError
 from porous.pipeline import Result, run
 from porous.recipe import build, load
-from porous.report import _report, report_html, write_report
+from porous.report import _page, _report, report_html, write_report
 from porous.report._agreement import agree, conflicts, groups, number, verdict
+from porous.report._definitions import definitions, documents, methods
 from porous.report._doubts import doubts
+from porous.report._page import markdown
+from porous.report._svg import COLOURS, DASHES, SYMBOLS
+from porous.report._table import keys, sections
 from porous.values import (
     Block,
     Frame,
@@ -115,7 +122,7 @@ def faults(tag, attributes):
     """What would be wrong with a tag, and whether it is."""
     values = dict(attributes)
     yield f"<{tag}> names an attribute twice", len(values) != len(attributes)
-    yield f"<{tag}>", tag in {"script", "iframe", "object", "embed", "link", "base", "form"}
+    yield f"<{tag}>", tag in {"iframe", "object", "embed", "link", "base", "form"}
     yield "a picture without words", tag == "img" and not values.get("alt")
     scopes = {"col", "row", "rowgroup"}
     yield "a table header without scope", tag == "th" and values.get("scope") not in scopes
@@ -142,9 +149,34 @@ def test_the_page_is_well_formed_and_needs_nothing_else(body):
     assert html.startswith('<!doctype html>\n<html lang="en">')
     assert "url(" not in html
     assert "@import" not in html
-    assert "default-src 'none'" in html
     labels = [v["aria-labelledby"] for _, v in page.seen if "aria-labelledby" in v]
-    assert set(labels) <= set(page.ids)
+    links = [v["href"][1:] for tag, v in page.seen if tag == "a"]
+    assert links
+    assert {*labels, *links} <= set(page.ids)
+
+
+def running(html):
+    """Scripts of a page that are code, not data."""
+    return re.findall(r"<script>(.*?)</script>", html, re.S)
+
+
+def policy(html):
+    (content,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', html)
+    return dict(part.strip().split(" ", 1) for part in content.split(";"))
+
+
+def sha(script):
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return f"'sha256-{digest}'"
+
+
+def test_only_scripts_of_ours_run(body):
+    allowed = policy(report_html(body))
+    assert allowed["default-src"] == "'none'"
+    assert "connect-src" not in allowed
+    assert allowed["script-src"].split() == [sha(text) for text in running(report_html(body))]
+    drawn = policy(plotted())["script-src"].split()
+    assert drawn == [*allowed["script-src"].split(), sha(_page._plotly())]
 
 
 def test_headings_descend_one_by_one(body):
@@ -159,27 +191,35 @@ def test_hostile_text_is_shown_not_obeyed(body):
     page = parsed(html)
     assert page.faults == []
     assert HOSTILE in page.words
-    assert "<script" not in html
+    assert html.count("<script") == len(running(html)) == 1
     assert "49" not in re.findall(r"<h1>(.*?)</h1>", html, re.S)[0]
 
 
 def test_a_table_has_as_many_cells_in_each_row(body):
     certified = replace(body, certificate=certify(None, body.grid, body.surface, body.volume))
     html = report_html(certified)
-    for table in re.findall(r"<table>.*?</table>", html, re.S):
-        columns = len(re.findall("<th ", table.split("</thead>")[0]))
-        for group in re.findall(r"<tbody.*?</tbody>", table, re.S):
-            spans = sum(map(int, re.findall(r'rowspan="(\d+)"', group)))
-            cells = len(re.findall("<td", group)) + len(re.findall("<th", group))
-            rows = len(re.findall("<tr", group))
-            assert cells + max(0, spans - 1) == rows * columns
+    tables = re.findall(r"<table.*?</table>", html + plotted(), re.S)
+    assert len(tables) > 6
+    for table in tables:
+        head, rows = table.split("</thead>")
+        columns = len(re.findall("<th ", head))
+        assert {len(re.findall("<t[hd]", row)) for row in rows.split("<tr")[1:]} == {columns}
 
 
-def test_colours_can_be_read(body):
-    html = report_html(body)
-    for ink in set(re.findall(r"(?<![-\w])color: (#[0-9a-f]{3,6})\b", html)):
-        for paper in ("#fff", "#f6f3ee", "#eef7f0", "#fbeeec", "#f4f4f4"):
-            assert contrast(ink, paper) >= 4.5, (ink, paper)
+def test_colours_can_be_read():
+    style = _page._text("style.css")
+    inks = set(re.findall(r"(?<![-\w])color: (#[0-9a-f]{3,6})\b", style))
+    papers = set(re.findall(r"background: (#[0-9a-f]{3,6})\b", style))
+    assert "#fff" in papers
+    assert len(inks) > 4
+    for ink, paper in itertools.product(inks, papers):
+        assert contrast(ink, paper) >= 4.5, (ink, paper)
+    assert min(contrast(ink, "#fff") for ink in COLOURS) >= 4.5
+
+
+def test_lines_differ_by_more_than_colour():
+    looks = set(zip(COLOURS, DASHES, SYMBOLS, strict=True))
+    assert len(looks) == len(set(DASHES)) == len(set(SYMBOLS)) == len(COLOURS)
 
 
 def contrast(a, b):
@@ -230,6 +270,78 @@ def test_the_closed_form_comes_first_and_contradictions_are_marked(body):
     ]
     page = report_html(body)
     assert page.count('class="differs"') == 1
+    assert page.count("</span> differs by +4.14%") == 1
+
+
+def test_the_numbers_that_are_looked_for_first_come_first(body):
+    html = report_html(body)
+    first = html[html.index('id="key"') : html.index('id="uncertain"')]
+    words = parsed(first).words
+    assert "porosity 0.4513 ± 0.0001 voxel fill 0.4513032 ✓ agrees" in words
+    assert "pieces of solid 1 exact closed form 1" in words
+    assert "surface_area" not in words
+
+
+def test_a_measurement_that_contradicts_the_closed_form_is_marked_at_once():
+    rows = (row("porosity", 0.5, "closed form", of="model"), row("porosity", 0.6, "voxel fill"))
+    (found,) = keys(Measures(rows))
+    assert (found.value, found.closed, found.mark) == ("0.6", "0.5", "differs by +20.00%")
+    assert not found.agrees
+
+
+@pytest.mark.parametrize(("open_ones", "said"), [("xz", "x, z"), ("", "none"), ("xyz", "x, y, z")])
+def test_axes_that_pores_pass_are_named(open_ones, said):
+    rows = [
+        row(f"through_porosity_{a}", 0.3 * (a in open_ones), "voxel count", 0.01, "bound")
+        for a in "xyz"
+    ]
+    (found,) = keys(Measures(tuple(rows)))
+    assert (found.label, found.value) == ("axes that pores pass", said)
+
+
+def test_half_widths_are_those_of_95_percent(body):
+    rows = {(r.name, r.method): r.half for part in sections(body.measures) for r in part.rows}
+    assert rows["porosity", "closed form"] == "exact"
+    assert rows["porosity", "voxel fill"] == "± 0.0001"
+    assert rows["porosity", "voxel count"] == "± 0.002"
+    assert rows["tortuosity_factor", "random walk"] == "not known"
+
+
+def test_rows_stand_under_the_headings_of_their_definitions(body):
+    side = Measures((row("sq_xmin", 0.1, "height map", unit="mm"),))
+    found = {part.title: part.rows for part in sections(body.measures + side)}
+    assert list(found) == [
+        "How much is solid",
+        "How large the surface is",
+        "How it is connected",
+        "How rough its sides are",
+        "Further numbers",
+    ]
+    assert [r.name for r in found["Further numbers"]] == ["tortuosity_factor"]
+    assert sum(map(len, found.values())) == len(body.measures) + 1
+
+
+def test_every_name_leads_to_its_definition_and_every_method_to_what_it_does(body):
+    side = Measures((row("sq_xmin", 0.1, "height map", unit="mm"),))
+    html = report_html(replace(body, measures=body.measures + side))
+    assert '<a href="#def-sq_zmax">sq_xmin</a>' in html
+    assert re.search(r'<dt id="def-sq_zmax">sq_zmax</dt><dd>root of the mean', html)
+    assert '<a href="#how-height-map">height map</a>' in html
+    assert '<dt id="how-height-map">height map</dt><dd>measures heights' in html
+    assert "def-tortuosity_factor" not in html
+
+
+def test_every_definition_and_method_of_the_page_of_measures_is_read():
+    page = documents("measures.md").read_text(encoding="utf-8")
+    assert set(definitions()) == set(re.findall(r"^\| `(\w+)` \|", page, re.M))
+    assert definitions()["sa_zmax"].text.startswith("mean of |z|, z the height")
+    assert methods()["tetrahedra"] == methods()["hexahedra"]
+    assert "closed form" in methods()
+
+
+def test_markdown_becomes_text_that_is_escaped():
+    said = markdown("`a<b` & [a link](x.md#y) <script>")
+    assert said == "<code>a&lt;b</code> &amp; a link &lt;script&gt;"
 
 
 def test_doubts_name_contradictions_resolution_and_spread(body):
@@ -346,7 +458,7 @@ def test_a_report_is_written_whole_or_not_at_all(body, tmp_path, monkeypatch):
     assert path.read_text(encoding="utf-8") == report_html(body)
     with pytest.raises(DiskError):
         write_report(body, tmp_path / "nowhere" / "report.html")
-    monkeypatch.setattr(_report, "report_html", lambda _: 1 / 0)
+    monkeypatch.setattr(_report, "report_html", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_report(body, path)
     assert path.read_bytes().startswith(b"<!doctype html>")

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from porous.values.measure import ONE_SIDED
+
 if TYPE_CHECKING:
     from porous.certificate import Certificate, Check
     from porous.values import Measure, Measures
@@ -19,17 +21,20 @@ COVERAGE = 2.0
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table of measures, as text."""
+    """One line of the table of measures, as text; ``half`` is its half-width at 95 %."""
 
+    name: str
     method: str
     of: str
     value: str
     exactly: str
     unit: str
-    uncertainty: str
+    half: str
+    half_exactly: str
     kind: str
     mark: str
     agrees: bool
+    best: bool
 
 
 @dataclass(frozen=True)
@@ -89,18 +94,39 @@ def _group(measures: Measures, name: str) -> Group:
 
 def _row(measure: Measure, best: Measure | None) -> Row:
     fine = best is None or agree(best, measure)
-    mark = "" if best is None else "agrees" if fine else f"differs by {_gap(best, measure)}"
+    mark = "" if best is None else compared(best, measure)
     return Row(
+        name=measure.name,
         method=measure.method,
         of=measure.of,
         value=number(measure.value),
         exactly=repr(measure.value),
-        unit="" if measure.unit == "1" else measure.unit,
-        uncertainty=measure.spread,
+        unit=unit_of(measure),
+        half=half_text(measure),
+        half_exactly=repr(half_width(measure)),
         kind=measure.kind,
         mark=mark,
         agrees=fine,
+        best=best is None,
     )
+
+
+def unit_of(measure: Measure) -> str:
+    """Return what stands after a value: nothing for pure numbers."""
+    return "" if measure.unit == "1" else measure.unit
+
+
+def half_text(measure: Measure) -> str:
+    """Return how far off a measure may be, for people: a bound, or 95 % of a normal law."""
+    if measure.kind == "exact" or measure.method in ONE_SIDED:
+        return measure.spread
+    half = half_width(measure)
+    return f"± {half:.2g}" if math.isfinite(half) else "not known"
+
+
+def compared(best: Measure, other: Measure) -> str:
+    """Say whether a measure agrees with another that is held for better, and else by how much."""
+    return "agrees" if agree(best, other) else f"differs by {_gap(best, other)}"
 
 
 def _gap(best: Measure, other: Measure) -> str:

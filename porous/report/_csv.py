@@ -117,20 +117,11 @@ def _line(row: list[str]) -> list[str]:
 
 
 def _curve(rows: list[list[str]]) -> Curve:
-    text = [_unguarded(cell) for cell in _line(rows[0])]
-    x, y, low, high = zip(*(row[len(LINE) : -2] for row in rows), strict=True)
-    banded = any((*low, *high))
-    return Curve(
-        text[0],
-        text[1],
-        np.array([float(v) for v in x]),
-        np.array([float(v) for v in y]),
-        *text[2:7],
-        low=np.array([float(v) for v in low]) if banded else None,
-        high=np.array([float(v) for v in high]) if banded else None,
-        drawn=text[-2],
-        log=text[-1],
-    )
+    text = dict(zip((*LINE, "drawn", "log"), map(_unguarded, _line(rows[0])), strict=True))
+    numbers = [[float(v) if v else None for v in row[len(LINE) : -2]] for row in rows]
+    x, y, low, high = (np.array(column, np.float64) for column in zip(*numbers, strict=True))
+    bands = {"low": low, "high": high} if any(n[2] is not None for n in numbers) else {}
+    return Curve(x=x, y=y, **bands, **text)  # type: ignore[arg-type]
 
 
 def _unguarded(text: str) -> str:

@@ -17,13 +17,21 @@ if TYPE_CHECKING:
 FEW = 3
 """Voxels across a feature below which its shape is not to be trusted."""
 
+THIN = ("smallest_feature", "smallest_pore", "smallest_wall", "smallest_gap")
+"""What a body's thinnest parts are measured by."""
+
 NOTEWORTHY = 0.01
 """Relative half-width from which a best number is said to be uncertain."""
 
 
 def doubts(result: Result) -> tuple[str, ...]:
     """Return what a reader should not take for certain, the gravest first."""
-    return (*_of_conflicts(result), *_of_resolution(result), *_of_spread(result))
+    return (
+        *_of_conflicts(result),
+        *_of_resolution(result),
+        *result.findings.notes,
+        *_of_spread(result),
+    )
 
 
 def _of_conflicts(result: Result) -> Iterator[str]:
@@ -38,7 +46,7 @@ def _of_resolution(result: Result) -> Iterator[str]:
     if result.grid is None:
         return
     h = max(result.grid.frame.spacing)
-    for name in ("smallest_feature", "smallest_pore"):
+    for name in THIN:
         for row in result.measures.all(name)[:1]:
             if math.isfinite(row.value) and row.value < FEW * h * (1 - 1e-9):
                 yield (

@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import platform
 from collections import Counter
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
-from porous.recipe import dump
+from porous.recipe import dump, files
 from porous.report._agreement import number
 from porous.values import SurfaceMesh
 from porous.values.job import PROPERTIES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from pathlib import Path
 
     from porous.pipeline import Result
     from porous.stages import StreamedSurface
     from porous.values import Frame, Job, Material, Tiled, VolumeMesh
 
-PACKAGES = ("porous", "numpy", "scipy", "numba", "scikit-image", "manifold3d", "pytetwild", "vtk")
+PACKAGES = (
+    "porous",
+    "numpy",
+    "scipy",
+    "numba",
+    "scikit-image",
+    "manifold3d",
+    "pytetwild",
+    "vtk",
+    "plotly",
+)
 """Whose versions can change a number."""
 
 SHAPES = {
@@ -41,12 +54,22 @@ class Provenance:
     seed: str
     source: str
     made: tuple[tuple[str, str], ...]
+    files: tuple[tuple[str, str], ...]
+    threads: str
     times: tuple[tuple[str, str], ...]
     versions: Mapping[str, str]
 
 
-def provenance(result: Result) -> Provenance:
-    """Return where a result comes from, as text."""
+def provenance(result: Result, folder: Path | None = None) -> Provenance:
+    """Return where a result comes from, as text.
+
+    Parameters
+    ----------
+    result
+        What was made.
+    folder
+        Where the files are that its recipe reads, if they are not named in full.
+    """
     recipe = result.recipe
     return Provenance(
         recipe=dump(recipe) if recipe else "",
@@ -54,9 +77,22 @@ def provenance(result: Result) -> Provenance:
         seed=str(recipe.seed) if recipe else "",
         source=recipe.source if recipe else "",
         made=tuple(_made(result)),
+        files=tuple(_files(result, folder)),
+        threads=str(len(os.sched_getaffinity(0))),
         times=tuple((stage, f"{seconds:.2f} s") for stage, seconds in result.times.items()),
         versions=versions(),
     )
+
+
+def told(origin: Provenance) -> list[tuple[str, str]]:
+    """Return what is said of where a result comes from, in its order."""
+    said = []
+    if origin.recipe:
+        said += [("recipe, SHA-256", origin.sha256), ("seed", origin.seed)]
+    said += [(f"file {key}", value) for key, value in origin.files]
+    said += [("threads there", origin.threads)]
+    said += [(f"time for {stage}", spent) for stage, spent in origin.times]
+    return [*said, *origin.versions.items()]
 
 
 def title_of(result: Result) -> str:
@@ -77,6 +113,20 @@ def versions() -> dict[str, str]:
     return there
 
 
+def _files(result: Result, folder: Path | None) -> Iterator[tuple[str, str]]:
+    """Yield the files that a recipe reads by key path, each with its SHA-256 where it is there."""
+    for key, path in files(result.recipe).items() if result.recipe else ():
+        where = path if path.is_absolute() or folder is None else folder / path
+        if where.is_absolute() and where.is_file():
+            with where.open("rb") as stream:
+                yield (
+                    key,
+                    f"{path.name}, SHA-256 {hashlib.file_digest(stream, 'sha256').hexdigest()}",
+                )
+        else:
+            yield key, path.name
+
+
 def _made(result: Result) -> Iterator[tuple[str, str]]:
     if result.grid is not None:
         yield from _of_grid(result.grid)
@@ -90,18 +140,20 @@ def _made(result: Result) -> Iterator[tuple[str, str]]:
 
 def _of_grid(grid: Tiled) -> Iterator[tuple[str, str]]:
     frame = grid.frame
-    yield "voxels", f"{_times(frame.shape)} = {number(frame.size)}, sampled as {grid.sampling}"
-    yield "voxel size", f"{_times(frame.spacing)} {frame.unit}"
-    yield "frame", f"{_times(frame.box.lengths)} {frame.unit}, {_surroundings(frame)}"
+    yield "voxels", f"{times(frame.shape)} = {number(frame.size)}, sampled as {grid.sampling}"
+    yield "voxel size", f"{times(frame.spacing)} {frame.unit}"
+    yield "frame", f"{times(frame.box.lengths)} {frame.unit}, {surroundings(frame)}"
     if grid.hausdorff is not None:
         yield "Hausdorff distance of voxels and set", f"≤ {grid.hausdorff:.4g} {frame.unit}"
 
 
-def _times(values: tuple[float, ...]) -> str:
+def times(values: tuple[float, ...]) -> str:
+    """Return numbers with times signs between them."""
     return " × ".join(map(number, values))
 
 
-def _surroundings(frame: Frame) -> str:
+def surroundings(frame: Frame) -> str:
+    """Say what lies beyond the sides of a frame."""
     axes = [axis for axis, periodic in zip("xyz", frame.periodic, strict=True) if periodic]
     return f"periodic along {', '.join(axes)}" if axes else "in vacuum"
 

@@ -3,28 +3,46 @@
 from __future__ import annotations
 
 import base64
-from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from porous import disk
 from porous.errors import ViewError
-from porous.report._agreement import groups, lines, verdict
+from porous.models.model import HasNotes
+from porous.report._agreement import lines, verdict
+from porous.report._citation import citation
 from porous.report._doubts import doubts
-from porous.report._provenance import provenance, title_of
+from porous.report._page import page
+from porous.report._plots import plots
+from porous.report._provenance import provenance, title_of, told
+from porous.report._table import glossary, keys, methods_used, sections
 from porous.stages import voxelize
 from porous.values import SurfaceMesh, VoxelGrid
 from porous.view import picture
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from jinja2 import Template
-
     from porous.pipeline import Result
     from porous.values import VolumeMesh
 
     Drawable = SurfaceMesh | VoxelGrid | VolumeMesh
+
+PARTS = (
+    ("key", "Key numbers"),
+    ("uncertain", "What is uncertain"),
+    ("plots", "Plots"),
+    ("measures", "Measures"),
+    ("certificate", "Certificate"),
+    ("image", "How the image was read"),
+    ("notes", "Notes"),
+    ("made", "What was made"),
+    ("cite", "Methods, and how to cite"),
+    ("origin", "Where it comes from"),
+    ("definitions", "Definitions"),
+)
+"""The parts of the page, and what leads to them."""
+
+CLEANED = ("clean.", "all measures are of the cleaned voxels")
+"""How notes begin that tell of cleaning."""
 
 DRAWN_TRIANGLES = 500_000
 """Triangles of a surface up to which it is drawn; beyond, the voxels are."""
@@ -32,27 +50,63 @@ DRAWN_VOXELS = 128
 """Voxels along the longest edge of what is drawn of a grid that does not lie in memory."""
 
 
-def report_html(result: Result) -> str:
+def report_html(result: Result, *, folder: Path | None = None) -> str:
     """Return the report of a result: one page that needs no other file and no network.
 
-    It holds a picture (or why this machine cannot draw one), every measure with closed form
-    beside measurement, the certificate, what is uncertain, the notes of the run and where all of
-    it comes from. Every text is escaped.
+    It holds a picture (or why this machine cannot draw one), the numbers that are looked for first,
+    plots, every measure with closed form beside measurement, the certificate, what is uncertain,
+    the notes of the run, a paragraph on methods and where all of it comes from. Every text is
+    escaped.
+
+    Parameters
+    ----------
+    result
+        What to tell of.
+    folder
+        Where the files are that its recipe reads, if they are not named in full.
     """
     value, remark = _drawable(result)
     image, excuse = _picture(value)
-    return _template().render(
+    steps = _steps(result)
+    origin = provenance(result, folder)
+    drawn = plots(result.findings.curves)
+    return page(
+        "report.html",
+        plots=drawn,
         title=title_of(result),
+        parts=_parts(has_plots=bool(drawn), has_steps=bool(steps)),
+        viewer="",
         image=image,
         remark=remark,
         excuse=excuse,
         verdict=verdict(result.certificate),
-        groups=groups(result.measures),
+        keys=keys(result.measures),
+        sections=sections(result.measures),
         checks=lines(result.certificate),
         doubts=doubts(result),
-        notes=result.notes,
-        provenance=provenance(result),
+        steps=steps,
+        notes=[note for note in result.notes if note not in steps],
+        provenance=origin,
+        origin=told(origin),
+        citation=citation(result, origin.versions["porous"]),
+        glossary=glossary((*result.measures.names, *(plot.definition for plot in drawn))),
+        methods=methods_used(result.measures),
     )
+
+
+def _parts(*, has_plots: bool, has_steps: bool) -> list[tuple[str, str]]:
+    """Return the headings of the page."""
+    given = {"plots": has_plots, "image": has_steps}
+    return [(key, name) for key, name in PARTS if given.get(key, True)]
+
+
+def _steps(result: Result) -> tuple[str, ...]:
+    """Return what was done to an image before anything was measured, of the notes of the run."""
+    recipe = result.recipe
+    if recipe is None or recipe.model.kind != "image":  # type: ignore[attr-defined]
+        return ()
+    read = result.model.notes if isinstance(result.model, HasNotes) else ()
+    return tuple(note for note in result.notes if note in read or note.startswith(CLEANED))
 
 
 def write_report(result: Result, path: str | Path) -> None:
@@ -63,18 +117,8 @@ def write_report(result: Result, path: str | Path) -> None:
     DiskError
         Where the disk refuses; what was there before is untouched.
     """
-    disk.write_bytes(path, report_html(result).encode("utf-8"))
-
-
-@cache
-def _template() -> Template:
-    from jinja2 import Environment, StrictUndefined
-
-    text = resources.files("porous.report").joinpath("page.html").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(text)
+    html = report_html(result, folder=Path(path).absolute().parent)
+    disk.write_bytes(path, html.encode("utf-8"))
 
 
 def _picture(value: Drawable | None) -> tuple[str, str]:

@@ -1,0 +1,193 @@
+"""The tables of the page: key numbers first, then every row, by what its definition is under."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from porous.report._agreement import (
+    agree,
+    compared,
+    groups,
+    half_text,
+    half_width,
+    number,
+    unit_of,
+)
+from porous.report._definitions import OTHERS, definition, definitions, methods
+from porous.values import Measures
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from porous.report._agreement import Row
+    from porous.values import Measure
+
+KEYS = (
+    ("porosity", "porosity"),
+    ("open_porosity", "open porosity"),
+    ("closed_porosity", "closed porosity"),
+    ("specific_surface_area", "specific surface area"),
+    ("pore_thickness_p50", "pore size D50"),
+    ("largest_pore_diameter", "largest pore"),
+    ("pore_chord_mean", "mean pore chord"),
+    ("wall_thickness_p50", "wall thickness D50"),
+    ("smallest_wall", "thinnest wall"),
+    ("smallest_gap", "narrowest gap"),
+    ("components", "pieces of solid"),
+    ("genus", "independent tunnels"),
+    ("box_dimension", "box dimension"),
+    ("similarity_dimension", "similarity dimension"),
+    ("largest_passing_ball_x", "largest ball that passes along x"),
+    ("geometric_tortuosity_x", "geometric tortuosity along x"),
+    ("geometric_tortuosity_y", "geometric tortuosity along y"),
+    ("geometric_tortuosity_z", "geometric tortuosity along z"),
+)
+"""What the first table has of what there is, and what it calls it."""
+
+CLOSED = "closed form"
+NOTHING = "nan"
+"""What a cell without a number sorts by."""
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Key:
+    """One line of the first table, as text: what was measured, and the closed form beside it."""
+
+    label: str
+    name: str
+    value: str
+    exactly: str
+    half: str
+    half_exactly: str
+    unit: str
+    method: str
+    closed: str
+    closed_exactly: str
+    mark: str
+    agrees: bool
+
+
+@dataclass(frozen=True)
+class Section:
+    """Rows whose definitions stand under one heading."""
+
+    title: str
+    key: str
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One entry of the glossary."""
+
+    name: str
+    key: str
+    text: str
+
+
+def keys(measures: Measures) -> tuple[Key, ...]:
+    """Return the numbers that a reader looks for first."""
+    return (*_known(measures), *_open_axes(measures))
+
+
+def _known(measures: Measures) -> Iterator[Key]:
+    for name, label in KEYS:
+        if name in measures:
+            yield _key(measures, name, label)
+
+
+def _key(measures: Measures, name: str, label: str) -> Key:
+    taken = Measures(tuple(row for row in measures.all(name) if row.method != CLOSED))
+    formula = [row for row in measures.all(name) if row.method == CLOSED][:1]
+    row = taken[name] if len(taken) else formula[0]
+    beside = formula[0] if len(taken) and formula else None
+    return Key(
+        label=label,
+        name=name,
+        value=number(row.value),
+        exactly=repr(row.value),
+        half=half_text(row),
+        half_exactly=repr(half_width(row)),
+        unit=unit_of(row),
+        method=row.method,
+        closed=number(formula[0].value) if formula else "—",
+        closed_exactly=repr(formula[0].value) if formula else NOTHING,
+        mark=compared(beside, row) if beside else "",
+        agrees=beside is None or agree(beside, row),
+    )
+
+
+def _open_axes(measures: Measures) -> Iterator[Key]:
+    """Yield the axes along which pores lead from side to side."""
+    rows = {axis: measures.all(f"through_porosity_{axis}")[:1] for axis in AXES}
+    if not all(rows.values()):
+        return
+    led = [axis for axis in AXES if rows[axis][0].value > 0]
+    said = ", ".join(led) if led else "none"
+    first = rows["x"][0]
+    yield Key(
+        label="axes that pores pass",
+        name="through_porosity_x",
+        value=said,
+        exactly=NOTHING,
+        half="",
+        half_exactly=NOTHING,
+        unit="",
+        method=first.method,
+        closed="—",
+        closed_exactly=NOTHING,
+        mark="",
+        agrees=True,
+    )
+
+
+def sections(measures: Measures) -> tuple[Section, ...]:
+    """Return every row, those of one measure together, under the headings of the definitions."""
+    found: dict[str, list[Row]] = {known.section: [] for known in definitions().values()}
+    found[OTHERS] = []
+    for group in groups(measures):
+        known = definition(group.name)
+        title = known.section if known else OTHERS
+        found[title] += group.rows
+    return tuple(
+        Section(title, f"measures-{place}", tuple(rows))
+        for place, (title, rows) in enumerate(found.items(), 1)
+        if rows
+    )
+
+
+def glossary(names: Iterable[str]) -> tuple[Term, ...]:
+    """Return what the measures of a page are, each once, by the order of the page of measures."""
+    used = {known.name: known for known in map(definition, names) if known}
+    order = {name: place for place, name in enumerate(definitions())}
+    return tuple(
+        Term(known.name, anchor(known.name), known.text)
+        for known in sorted(used.values(), key=lambda one: order[one.name])
+    )
+
+
+def methods_used(measures: Iterable[Measure]) -> tuple[Term, ...]:
+    """Return what the methods of a page do."""
+    known = methods()
+    used = dict.fromkeys(row.method for row in measures)
+    return tuple(Term(name, method_anchor(name), known[name]) for name in used if name in known)
+
+
+def anchor(name: str) -> str:
+    """Return where on the page a measure is defined; nothing where it is not."""
+    known = definition(name)
+    return f"def-{known.name}" if known else ""
+
+
+def method_anchor(name: str) -> str:
+    """Return where on the page a method is explained; nothing where it is not."""
+    return f"how-{name.replace(' ', '-')}" if name in methods() else ""
+
+
+def sortable(exactly: str) -> str:
+    """Return what a table sorts a number by: nothing for what is no number."""
+    value = float(exactly)
+    return "" if math.isnan(value) else exactly
