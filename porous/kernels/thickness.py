@@ -3,14 +3,22 @@
 A ball about a voxel p holds the voxels nearer to p than the nearest one outside of the mask is.
 Balls that a neighbour's holds are dropped by tables of how far a ball reaches from beside its
 centre (E. Rémy, E. Thiel, Pattern Recognition Letters 23, 2002); the others are painted by falling
-radius, so that the first to reach a voxel is its largest.
+radius, so that the first to reach a voxel is its largest. What is not painted yet are bits, lines
+along z of them words, and a ball is a stencil of such words, one for all balls of its radius, that
+is laid over several lines at a time.
+
+What a ball adds to that about a neighbour v farther, which is painted before it, lies on the far
+side of a plane across v: |x|² < D(0) and |x − v|² ≥ D(v) give 2 x·v < D(0) − D(v) + |v|². So
+neighbours across faces bound where its voxels are looked for.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numba
+import numba.extending
 import numpy as np
 
 from porous.kernels._shared import kernel, slabs, source
@@ -24,16 +32,20 @@ if TYPE_CHECKING:
 
     Axes = tuple[bool, bool, bool]
     Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
     Progress = Callable[[int, int], None]
-
-SIDE = 8
-"""Voxels along a block's edge: a plane of it is the bits of one word."""
 
 SLAB = 1 << 20
 """Voxels that one kernel call looks at, about."""
 
-LAYERS = 2
-"""Layers of blocks that one kernel call paints."""
+PLANES = 32
+"""Planes of voxels that one kernel call paints."""
+
+LINES = 8
+"""Lines along z that a stencil is laid over at a time."""
+
+WORD = 64
+"""Voxels along z that a word of bits tells of."""
 
 CLASSES = 1 << 20
 """Squares of radii that tables tell apart, at most."""
@@ -41,11 +53,27 @@ CLASSES = 1 << 20
 SLACK = 1e-9
 """Part of a squared radius by which balls are drawn in, so that rounding joins no voxel to them."""
 
+FREE = 127
+"""As a limit: none."""
+
 NEAR = 2
 """How far, in voxels, ``smallest`` looks about."""
 
 STEEP = 0.5
 """Distances rise at the sine of half the angle of a wedge: these are of 60° and less."""
+
+
+class _Balls(NamedTuple):
+    """Balls by falling radius, and in the order of their centres' voxels where radii agree.
+
+    ``limits`` (n, 4) are the least and largest steps along x, and along y, at which a ball holds
+    voxels that none before it does; ``starts[m]`` is the first ball with the square ``squares[m]``.
+    """
+
+    places: Integers
+    limits: NDArray[np.int8]
+    starts: Integers
+    squares: Floats
 
 
 def largest_balls(
@@ -60,7 +88,7 @@ def largest_balls(
     periodic
         Axes along which the grid closes on itself.
     progress
-        Called as ``progress(done, count)`` in layers of blocks; raising in it cancels.
+        Called as ``progress(done, count)`` in planes of voxels; raising in it cancels.
 
     Returns
     -------
@@ -68,16 +96,14 @@ def largest_balls(
     """
     given = source(squares.values, squares.values.dtype)
     result = np.zeros_like(squares.values)
-    blocks = [-(-n // SIDE) for n in given.shape]
-    centres, radii = _centres(given, squares.weights, periodic)
-    free = np.zeros((*blocks, SIDE), np.uint64)
-    left = np.zeros(blocks, np.int64)
     wraps = np.array(periodic, np.int64)
+    balls = _balls(given, squares.weights, wraps)
+    inner = balls.squares - 0.5 if _whole(given) else balls.squares * (1 - SLACK)
 
     def paint(a: int, b: int) -> None:
-        _paint(given, centres, radii, squares.weights, wraps, free, left, result, a, b)
+        _paint(given, *balls, inner, squares.weights, wraps, result, a, b)
 
-    slabs(blocks[0], LAYERS, paint, progress)
+    slabs(len(given), PLANES, paint, progress)
     return result
 
 
@@ -102,36 +128,67 @@ def _planes(shape: tuple[int, ...]) -> int:
     return max(1, SLAB // (shape[1] * shape[2]))
 
 
-def _centres(given: Numbers, weights: Floats, periodic: Axes) -> tuple[NDArray[np.int64], Floats]:
-    """Return the balls that no neighbour's ball holds: their squares, falling, and where they are.
+def _whole(given: Numbers) -> bool:
+    return given.dtype.kind == "i"
 
-    That is the voxel of the centre, and how many voxels the ball reaches along x, int64 (n, 4).
-    """
+
+def _balls(given: Numbers, weights: Floats, wraps: Integers) -> _Balls:
+    """Return the balls that no neighbour's ball holds."""
     largest = float(given.max(initial=0))
-    width = max(1.0, math.ceil(largest / CLASSES)) if given.dtype.kind == "i" else largest / 2**16
-    table = np.zeros((7, math.ceil(largest / max(width, 1e-300)) + 2))
-    _reaches(weights, width, table)
-    kept = np.zeros(given.shape, np.uint8)
-    wraps = np.array(periodic, np.int64)
+    width = max(1.0, math.ceil(largest / CLASSES)) if _whole(given) else largest / 2**16
+    needs = np.zeros((math.ceil(largest / max(width, 1e-300)) + 2, 8), given.dtype)
+    half = 0.5 if _whole(given) else 0.0
+    _reaches(weights, width, half, needs)
+    scale = (half, 1 / max(width, 1e-300))
+    found: dict[int, tuple[Integers, NDArray[np.int8]]] = {}
 
     def prune(a: int, b: int) -> None:
-        _prune(given, table, width, wraps, kept, a, b)
+        room = (b - a) * given[0].size
+        places, limits = np.empty(room, np.int64), np.empty((room, 4), np.int8)
+        count = _prune(given, needs, scale, weights, wraps, places, limits, a, b)
+        found[a] = places[:count].copy(), limits[:count].copy()
 
     slabs(given.shape[0], _planes(given.shape), prune)
-    places = np.flatnonzero(kept)
+    places = np.concatenate([found[a][0] for a in sorted(found)])
+    limits = np.concatenate([found[a][1] for a in sorted(found)])
     radii = given.reshape(-1)[places]
-    order = np.argsort(-radii)
-    radii = radii[order].astype(np.float64)
-    wide = np.sqrt(radii * (1 - SLACK) / weights[0])
-    centres = np.stack([*np.unravel_index(places[order], given.shape), wide], axis=1)
-    return source(centres, np.int64), source(radii, np.float64)
+    order = _falling(radii, largest)
+    radii = radii[order]
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(radii)) + 1, [len(radii)]])
+    return _Balls(
+        source(places[order], np.int64),
+        source(limits[order], np.int8),
+        source(starts, np.int64),
+        source(radii[starts[:-1]], np.float64),
+    )
+
+
+def _falling(radii: Numbers, largest: float) -> Integers:
+    """Return the order by falling radius, by a radix sort where it can be had."""
+    keys: NDArray[Any] = -radii
+    if _whole(radii) and largest < 1 << 16:
+        keys = (int(largest) - radii).astype(np.uint16)
+    return np.argsort(keys, kind="stable")
+
+
+@numba.extending.intrinsic
+def _lowest_bit(_typing, word):
+    """Return the place of the lowest set bit of a word that is not zero."""
+
+    def generate(context, builder, _signature, arguments):
+        return builder.cttz(arguments[0], context.get_constant(numba.boolean, 1))
+
+    return word(word), generate
 
 
 @kernel
-def _reaches(weights, width, table):
-    # table[v - 1, b]: the largest square of x - v over all x with squares up to class b, of the
-    # seven steps v to neighbours; x and v point away from each other.
-    most = (table.shape[1] - 1) * width
+def _reaches(weights, width, half, needs):
+    # needs[b, v - 1]: how large the square of a ball about v must be, one of the seven steps to
+    # neighbours, if it is to hold all balls of class b about 0. That is more than the largest
+    # square of x - v over the x of such balls; x and v point away from each other.
+    top = len(needs) - 1
+    reach = np.zeros(needs.shape, np.float64)
+    most = top * width
     for i in range(np.int64(np.sqrt(most / weights[0])) + 1):
         for j in range(np.int64(np.sqrt(most / weights[1])) + 1):
             k, plane = 0, weights[0] * i * i + weights[1] * j * j
@@ -140,165 +197,285 @@ def _reaches(weights, width, table):
                 for v in range(1, 8):
                     x, y, z = i + (v >> 2), j + ((v >> 1) & 1), k + (v & 1)
                     square = weights[0] * x * x + weights[1] * y * y + weights[2] * z * z
-                    table[v - 1, b] = max(table[v - 1, b], square)
+                    reach[b, v - 1] = max(reach[b, v - 1], square)
                 k += 1
-    for v in range(7):
-        for b in range(1, table.shape[1]):
-            table[v, b] = max(table[v, b], table[v, b - 1])
+    for b in range(top + 1):
+        for v in range(7):
+            if b > 0:
+                reach[b, v] = max(reach[b, v], reach[b - 1, v])
+            needs[b, v] = reach[b, v] + 1.0 if half else reach[b, v] * (1.0 + 2.0 * SLACK)
 
 
 @kernel
-def _prune(squares, table, width, wraps, kept, first, last):
-    nx, ny, nz = squares.shape
-    steps = np.zeros((26, 4), np.int64)  # to neighbours; those across faces come first
-    row = 0
-    for near in range(1, 4):
-        for step in range(27):
-            x, y, z = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
-            if abs(x) + abs(y) + abs(z) == near:
-                steps[row] = x, y, z, 4 * abs(x) + 2 * abs(y) + abs(z) - 1
-                row += 1
-    for i in range(first, last):
+def _prune(squares, needs, scale, weights, wraps, places, limits, first, last):
+    # Write down the balls of some planes that no neighbour's ball holds; return their number.
+    ny, nz = squares.shape[1:]
+    size, line = (ny + 2) * (nz + 2), nz + 2
+    around = np.zeros(3 * size, squares.dtype)
+    most = np.zeros((7, nz), squares.dtype)
+    bounds = np.zeros(6, np.int64)
+    count = 0
+    for i in range(first - 1, last + 1):
+        _plane(squares, i, wraps, around, (i + 1) % 3 * size)
+        if i <= first:
+            continue
+        low, here, high = (i - 1) % 3 * size, i % 3 * size, (i + 1) % 3 * size
         for j in range(ny):
-            inner = 0 < i < nx - 1 and 0 < j < ny - 1
+            row = (j + 1) * line + 1
+            _neighbours(around, (low + row, here + row, high + row), line, most)
             for k in range(nz):
-                radius = squares[i, j, k]
+                radius = around[here + row + k]
                 if radius == 0:
                     continue
-                b = np.int64(np.ceil(radius / width)) - 1
-                kept[i, j, k] = 1
-                for row in range(26):
-                    x, y, z = i + steps[row, 0], j + steps[row, 1], k + steps[row, 2]
-                    if not inner or z < 0 or z >= nz:
-                        if wraps[0]:
-                            x = x + nx if x < 0 else x - nx if x >= nx else x
-                        if wraps[1]:
-                            y = y + ny if y < 0 else y - ny if y >= ny else y
-                        if wraps[2]:
-                            z = z + nz if z < 0 else z - nz if z >= nz else z
-                        if x < 0 or y < 0 or z < 0 or x >= nx or y >= ny or z >= nz:
-                            continue
-                    other = squares[x, y, z]
-                    if other <= radius:
-                        continue
-                    if table[steps[row, 3], b] < other * (1.0 - SLACK):
-                        kept[i, j, k] = 0
-                        break
+                b = np.int64((radius - scale[0]) * scale[1])
+                held = most[0, k] >= needs[b, 0]
+                for v in range(1, 7):
+                    held |= most[v, k] >= needs[b, v]
+                if held:
+                    continue
+                # Of balls as large, those whose voxel comes first are painted first.
+                equal = (i > 1, False, j > 0, False, k > 0, False)
+                at = here + row + k
+                others = (low + row + k, high + row + k, at - line, at + line, at - 1, at + 1)
+                some = True
+                for side in range(6):
+                    other, weight = around[others[side]], weights[side // 2]
+                    bounds[side] = FREE
+                    if other > radius or (other == radius and equal[side]):
+                        bounds[side] = _bound(radius, other, weight, scale[0])
+                    if side % 2:
+                        some &= -bounds[side - 1] <= bounds[side]
+                if some:
+                    places[count] = ((i - 1) * ny + j) * nz + k
+                    for side in range(4):
+                        limits[count, side] = bounds[side] if side % 2 else -bounds[side]
+                    count += 1
+    return count
 
 
 @kernel
-def _paint(squares, centres, radii, weights, wraps, free, left, out, first, last):
+def _bound(radius, other, weight, half):
+    # How far towards a larger ball beside it a ball may hold voxels that the larger one does not.
+    farthest = (np.float64(radius) - other + weight) / (2.0 * weight)
+    if not half:
+        farthest += 1e-3
+    return max(-FREE, min(FREE, np.int64(np.ceil(farthest)) - 1))
+
+
+@kernel
+def _plane(squares, i, wraps, around, start):
+    # A plane with a margin: of zeros, or of what lies at the other end.
     nx, ny, nz = squares.shape
-    beams = np.zeros((last - first, left.shape[1]), np.int64)
-    total = 0
-    for i in range(first * SIDE, min(nx, last * SIDE)):
-        for j in range(ny):
-            for k in range(nz):
-                if squares[i, j, k] != 0:
-                    bit = np.uint64(1) << np.uint64((j % SIDE) * SIDE + k % SIDE)
-                    free[i // SIDE, j // SIDE, k // SIDE, i % SIDE] |= bit
-                    left[i // SIDE, j // SIDE, k // SIDE] += 1
-                    beams[i // SIDE - first, j // SIDE] += 1
-                    total += 1
-    for n in range(len(centres)):
-        if total == 0:
-            break
-        cx, cy, cz, wide = centres[n]
-        if not wraps[0] and (cx + wide < first * SIDE or cx - wide >= last * SIDE):
+    if wraps[0]:
+        i = (i + nx) % nx
+    for j in range(-1, ny + 1):
+        to = start + (j + 1) * (nz + 2)
+        row = (j + ny) % ny
+        if i < 0 or i >= nx or (row != j and not wraps[1]):
+            around[to : to + nz + 2] = 0
             continue
-        radius = out.dtype.type(radii[n])
-        most = radii[n] * (1.0 - SLACK)
-        high = np.int64(np.sqrt(most / weights[1]))
-        deep = np.int64(np.sqrt(most / weights[2]))
-        # Along axes that close on themselves there is a ball about every image of the centre.
-        x0, x1 = (-((cx + wide) // nx), (nx - 1 + wide - cx) // nx) if wraps[0] else (0, 0)
-        y0, y1 = (-((cy + high) // ny), (ny - 1 + high - cy) // ny) if wraps[1] else (0, 0)
-        z0, z1 = (-((cz + deep) // nz), (nz - 1 + deep - cz) // nz) if wraps[2] else (0, 0)
-        for sx in range(x0, x1 + 1):
-            x = cx + sx * nx
-            if x + wide < first * SIDE or x - wide >= last * SIDE:
-                continue
-            for sy in range(y0, y1 + 1):
-                y = cy + sy * ny
-                for sz in range(z0, z1 + 1):
-                    z = cz + sz * nz
-                    for bx in range(
-                        max(first, (x - wide) // SIDE), min(last, (x + wide) // SIDE + 1)
-                    ):
-                        gap = max(bx * SIDE - x, x - bx * SIDE - SIDE + 1, 0)
-                        rest_x = most - weights[0] * gap * gap
-                        if rest_x < 0.0:
-                            continue
-                        high_x = np.int64(np.sqrt(rest_x / weights[1]))
-                        for by in range(
-                            max(0, (y - high_x) // SIDE),
-                            min(left.shape[1], (y + high_x) // SIDE + 1),
-                        ):
-                            if beams[bx - first, by] == 0:
-                                continue
-                            gap = max(by * SIDE - y, y - by * SIDE - SIDE + 1, 0)
-                            rest_y = rest_x - weights[1] * gap * gap
-                            if rest_y < 0.0:
-                                continue
-                            deep_y = np.int64(np.sqrt(rest_y / weights[2]))
-                            for bz in range(
-                                max(0, (z - deep_y) // SIDE),
-                                min(left.shape[2], (z + deep_y) // SIDE + 1),
-                            ):
-                                if left[bx, by, bz] == 0:
-                                    continue
-                                done = _block(
-                                    free[bx, by, bz],
-                                    (bx * SIDE, by * SIDE, bz * SIDE),
-                                    (x, y, z),
-                                    most,
-                                    weights,
-                                    radius,
-                                    out,
-                                )
-                                left[bx, by, bz] -= done
-                                beams[bx - first, by] -= done
-                                total -= done
+        for k in range(nz):
+            around[to + 1 + k] = squares[i, row, k]
+        around[to] = squares[i, row, nz - 1] if wraps[2] else 0
+        around[to + nz + 1] = squares[i, row, 0] if wraps[2] else 0
 
 
 @kernel
-def _block(free, corner, centre, most, weights, radius, out):
-    # Paint the free voxels of a block that a ball holds; return their number.
+def _neighbours(around, rows, line, most):
+    # The largest of the two, four or eight neighbours at each of seven steps, all along a line:
+    # one loop for each, that many voxels are done at once.
+    low, here, high = rows
+    below, level, above = np.uint64(low - line), np.uint64(low), np.uint64(low + line)
+    before, at, behind = np.uint64(here - line), np.uint64(here), np.uint64(here + line)
+    under, flush, over = np.uint64(high - line), np.uint64(high), np.uint64(high + line)
+    one = np.uint64(1)
+    for c in range(most.shape[1]):
+        k = np.uint64(c)
+        most[0, c] = max(around[at + k - one], around[at + k + one])
+    for c in range(most.shape[1]):
+        k = np.uint64(c)
+        most[1, c] = max(around[before + k], around[behind + k])
+    for c in range(most.shape[1]):
+        k = np.uint64(c)
+        a = max(around[before + k - one], around[before + k + one])
+        most[2, c] = max(a, around[behind + k - one], around[behind + k + one])
+    for c in range(most.shape[1]):
+        k = np.uint64(c)
+        most[3, c] = max(around[level + k], around[flush + k])
+    for c in range(most.shape[1]):
+        k = np.uint64(c)
+        a = max(around[level + k - one], around[level + k + one])
+        most[4, c] = max(a, around[flush + k - one], around[flush + k + one])
+    for c in range(most.shape[1]):
+        k = np.uint64(c)
+        a = max(around[below + k], around[above + k])
+        most[5, c] = max(a, around[under + k], around[over + k])
+    for c in range(most.shape[1]):
+        k = np.uint64(c)
+        a = max(around[below + k - one], around[below + k + one])
+        b = max(around[above + k - one], around[above + k + one])
+        a = max(a, around[under + k - one], around[under + k + one])
+        most[6, c] = max(a, b, around[over + k - one], around[over + k + one])
+
+
+@kernel
+def _paint(squares, places, limits, starts, values, inner, weights, wraps, out, first, last):
+    shape = squares.shape
+    plane = shape[1] * shape[2]
+    reach = _reach(inner[0], weights)
+    words = _words(reach)
+    lines = -(-shape[2] // WORD) + 2 * words + 1
+    free = np.zeros((last - first) * lines * shape[1] + LINES, np.uint64)
+    left = _free(squares, free, lines, words, first, last)
+    stencil = np.zeros((reach[0] + 1) * words * (2 * reach[1] + 1 + LINES), np.uint64)
+    heights = np.zeros(reach[0] + 1, np.int64)
+    flat = out.reshape(-1)
+    for n in range(len(values)):
+        if left == 0:
+            break
+        reach = _reach(inner[n], weights)
+        a, b = starts[n], starts[n + 1]
+        if not wraps[0]:
+            low = a + np.searchsorted(places[a:b], max(0, first - reach[0]) * plane)
+            b = a + np.searchsorted(places[a:b], min(shape[0], last + reach[0]) * plane)
+            a = low
+        if a == b:
+            continue
+        _draw(inner[n], weights, reach, stencil, heights)
+        for c in range(a, b):
+            x, y, z = places[c] // plane, places[c] // shape[2] % shape[1], places[c] % shape[2]
+            x0, x1 = _images(x, reach[0], shape[0], wraps[0])
+            y0, y1 = _images(y, reach[1], shape[1], wraps[1])
+            z0, z1 = _images(z, reach[2], shape[2], wraps[2])
+            x_low, x_high = _limited(limits[c, 0], limits[c, 1], reach[0])
+            y_low, y_high = _limited(limits[c, 2], limits[c, 3], reach[1])
+            for i in range(x0, x1, shape[0]):
+                planes = max(x_low, first - i), min(x_high, last - 1 - i)
+                for j in range(y0, y1, shape[1]):
+                    rows = max(y_low, -j), min(y_high, shape[1] - 1 - j)
+                    for k in range(z0, z1, shape[2]):
+                        start = ((i - first) * lines + words) * shape[1] + j
+                        left -= _lay(
+                            (start, lines * shape[1], shape[1], k),
+                            (planes, rows, reach),
+                            ((i * shape[1] + j) * shape[2], plane, shape[2]),
+                            out.dtype.type(values[n]),
+                            (free, stencil, heights, flat),
+                        )
+
+
+@kernel
+def _reach(most, weights):
+    # How many voxels a ball reaches from its centre, along each axis.
+    x, y = np.int64(np.sqrt(most / weights[0])), np.int64(np.sqrt(most / weights[1]))
+    return x, y, np.int64(np.sqrt(most / weights[2]))
+
+
+@kernel
+def _words(reach):
+    # How many words hold a ball's longest line; its centre is their last bit but a half of all.
+    return (2 * reach[2] + WORD) // WORD
+
+
+@kernel
+def _images(at, reach, n, wraps):
+    # Where the images of a centre lie whose ball reaches into the grid: a range of step n. Along
+    # axes that close on themselves there is one about every period.
+    if not wraps:
+        return at, at + 1
+    return at - (at + reach) // n * n, at + (n - 1 + reach - at) // n * n + 1
+
+
+@kernel
+def _limited(low, high, reach):
+    # Limits of a ball as steps from its centre.
+    low = -reach if low == -FREE else max(np.int64(low), -reach)
+    return low, reach if high == FREE else min(np.int64(high), reach)
+
+
+@kernel
+def _free(squares, free, lines, words, first, last):
+    # Set the bits of all voxels of the mask; return their number.
+    _, ny, nz = squares.shape
+    count = 0
+    for i in range(first, last):
+        for j in range(ny):
+            for start in range(0, nz, WORD):
+                bits = np.uint64(0)
+                for k in range(min(WORD, nz - start)):
+                    one = np.uint64(squares[i, j, start + k] != 0)
+                    bits |= one << np.uint64(k)
+                    count += np.int64(one)
+                free[((i - first) * lines + words + start // WORD) * ny + j] = bits
+    return count
+
+
+@kernel
+def _draw(most, weights, reach, stencil, heights):
+    # The lines of a ball as bits, by plane, word and line, and how many lines it has in each plane
+    # to either side. Lines beyond the last are empty, so that they can be laid over, too.
+    words, row = _words(reach), 2 * reach[1] + 1 + LINES
+    every, centre = ~np.uint64(0), words * WORD // 2 - 1
+    for i in range(reach[0] + 1):
+        plane = max(0.0, most - weights[0] * i * i)
+        high = np.int64(np.sqrt(plane / weights[1]))
+        heights[i] = high
+        for w in range(words):
+            at = (i * words + w) * row
+            for j in range(high + 1):
+                deep = np.int64(np.sqrt(max(0.0, plane - weights[1] * j * j) / weights[2]))
+                low, top = max(0, centre - deep - w * WORD), min(WORD - 1, centre + deep - w * WORD)
+                bits = np.uint64(0)
+                if low <= top:
+                    bits = (every >> np.uint64(WORD - 1 - top)) & (every << np.uint64(low))
+                stencil[at + high + j] = bits
+                stencil[at + high - j] = bits
+            for j in range(2 * high + 1, 2 * high + 1 + LINES):
+                stencil[at + j] = 0
+
+
+@kernel
+def _lay(place, box, target, value, arrays):
+    # Lay a stencil over the lines of its box; paint what is free under it, and return how much.
+    # A line's bits are those of two words each, for a stencil begins anywhere in a word.
+    start, plane, word, z = place
+    planes, rows, reach = box
+    free, stencil, heights, flat = arrays
+    words = _words(reach)
+    row = 2 * reach[1] + 1 + LINES
+    bit = z - (words * WORD // 2 - 1)
+    start += (bit >> 6) * word
+    shift, back, one = np.uint64(bit & 63), np.uint64(63 - (bit & 63)), np.uint64(1)
     done = 0
-    for i in range(SIDE):
-        if free[i] == 0:
-            continue
-        gap = corner[0] + i - centre[0]
-        plane = most - weights[0] * gap * gap
-        if plane < 0.0:
-            continue
-        bits = np.uint64(0)
-        for j in range(SIDE):
-            if free[i] >> np.uint64(SIDE * j) & np.uint64(255) == 0:
-                continue
-            gap = corner[1] + j - centre[1]
-            row = plane - weights[1] * gap * gap
-            if row < 0.0:
-                continue
-            reach = np.int64(np.sqrt(row / weights[2]))
-            low = max(0, centre[2] - reach - corner[2])
-            high = min(SIDE - 1, centre[2] + reach - corner[2])
-            if low <= high:
-                ones = (np.uint64(2) << np.uint64(high)) - (np.uint64(1) << np.uint64(low))
-                bits |= ones << np.uint64(SIDE * j)
-        bits &= free[i]
-        if bits == 0:
-            continue
-        free[i] ^= bits
-        for j in range(SIDE):
-            line = bits >> np.uint64(SIDE * j) & np.uint64(255)
-            k = 0
-            while line:
-                if line & np.uint64(1):
-                    out[corner[0] + i, corner[1] + j, corner[2] + k] = radius
-                    done += 1
-                line >>= np.uint64(1)
-                k += 1
+    for i in range(planes[0], planes[1] + 1):
+        high = heights[abs(i)]
+        low, top = max(rows[0], -high), min(rows[1], high)
+        for w in range(words):
+            here = start + i * plane + w * word
+            form = (abs(i) * words + w) * row + high
+            for j in range(low, top + 1, LINES):
+                a, b = np.uint64(here + j), np.uint64(here + j + word)
+                m = np.uint64(form + j)
+                some = np.uint64(0)
+                for c in range(LINES):
+                    k = np.uint64(c)
+                    bits = (free[a + k] >> shift) | ((free[b + k] << one) << back)
+                    some |= bits & stencil[m + k]
+                if some == 0:
+                    continue
+                for c in range(min(LINES, top + 1 - j)):
+                    k = np.uint64(c)
+                    bits = (free[a + k] >> shift) | ((free[b + k] << one) << back)
+                    bits &= stencil[m + k]
+                    if bits == 0:
+                        continue
+                    free[a + k] &= ~(bits << shift)
+                    free[b + k] &= ~((bits >> one) >> back)
+                    to = target[0] + i * target[1] + (j + c) * target[2] + bit + w * WORD
+                    while bits:
+                        flat[np.uint64(to + np.int64(_lowest_bit(bits)))] = value
+                        bits &= bits - one
+                        done += 1
     return done
 
 
