@@ -19,6 +19,7 @@ from porous.values.measure import ORDER
 
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
+NOT_MEASURES |= {"MercuryIntrusion", "mercury_intrusion", "percolation_diameters"}
 NOT_MEASURES |= {
     "ChordLengths",
     "Chords",
@@ -77,6 +78,7 @@ def taken():
     for phase in ("pore", "solid"):
         rows += [*known.thicknesses(known.local_thickness(grid, phase=phase))]
         rows += [*known.chords(known.chord_lengths(grid, phase=phase))]
+    rows += known.survey(grid, how=known.Survey(probe=0.4), only=["access"]).measures
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]
     return rows
 

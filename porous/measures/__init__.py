@@ -18,6 +18,12 @@ from porous.measures._chords import (
 from porous.measures._correlation import TwoPoint, two_point
 from porous.measures._fold import Journal, fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
+from porous.measures._intrusion import (
+    MercuryIntrusion,
+    accessible_porosity,
+    mercury_intrusion,
+    percolation_diameters,
+)
 from porous.measures._measure import COUNTED, measure
 from porous.measures._mesh import (
     largest_aspect_ratio,
@@ -78,11 +84,13 @@ __all__ = [
     "Journal",
     "LinealPath",
     "LocalThickness",
+    "MercuryIntrusion",
     "OverBlocks",
     "Sample",
     "Survey",
     "TwoPoint",
     "Variogram",
+    "accessible_porosity",
     "affinity_dimension",
     "box_counts",
     "box_dimension",
@@ -106,8 +114,10 @@ __all__ = [
     "largest_edge_ratio",
     "local_thickness",
     "measure",
+    "mercury_intrusion",
     "open_porosity",
     "over_blocks",
+    "percolation_diameters",
     "pore_chord_mean",
     "porosity",
     "relative_density",

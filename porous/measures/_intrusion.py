@@ -1,0 +1,369 @@
+"""What balls that come from outside reach: mercury intrusion, percolation, accessible porosity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import GridError
+from porous.measures._census import Census
+from porous.measures._sample import Sample
+from porous.memory import check_memory
+from porous.values import Frame, Measure, Measures, VoxelGrid
+from porous.values.value import Value, adopted, frozen
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from porous.kernels.distance import Numbers, Squares
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+    Progress = Callable[[str, float], None]
+    Three = tuple[float, float, float]
+
+NAME, WAYS, BALLS = "access", "widest paths", "balls from outside"
+"""What progress is told of, and methods."""
+
+BYTES = {True: 24.0, False: 48.0}
+"""Memory per voxel, by whether squares of distances are whole numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class MercuryIntrusion(Value):
+    """Diameters at which mercury, or any ball from outside, comes to each voxel of the pores.
+
+    Parameters
+    ----------
+    frame
+        Where the voxels lie.
+    diameters
+        float32, shape ``frame.shape``, in ``frame.unit``: 0 where nothing comes.
+    sizes, shares
+        Shape (n,): the diameters that occur, ascending, and the part of the pores' volume that has
+        each; what shares lack to 1 is never reached. Pores beyond the bulk are in ``diameters``
+        only.
+    porosity
+        The pores' part of the bulk, by voxel count.
+    doubt
+        Standard uncertainty of a diameter, in ``frame.unit``.
+
+    Raises
+    ------
+    GridError
+        Where shapes disagree.
+    """
+
+    frame: Frame
+    diameters: NDArray[np.float32] = field(repr=False)
+    sizes: Floats = field(repr=False)
+    shares: Floats = field(repr=False)
+    porosity: float
+    doubt: float
+
+    def __post_init__(self) -> None:
+        self._set("diameters", frozen(self.diameters, np.float32))
+        self._set("sizes", frozen(self.sizes, np.float64))
+        self._set("shares", frozen(self.shares, np.float64))
+        if self.diameters.shape != self.frame.shape:
+            raise GridError(
+                f"diameters: got shape {self.diameters.shape}; the frame has {self.frame.shape}"
+            )
+        if self.sizes.ndim != 1 or self.sizes.shape != self.shares.shape:
+            raise GridError(
+                f"sizes and shares: got shapes {self.sizes.shape} and {self.shares.shape}; wanted "
+                "one of each"
+            )
+
+    @property
+    def reached(self) -> float:
+        """The part of the pores' volume that anything comes to."""
+        return float(self.shares.sum())
+
+    def share(self, diameter: float) -> float:
+        """Return the part of the pores' volume that balls of a diameter, or larger ones, sweep."""
+        return float(self.shares[self.sizes >= diameter * (1 - 1e-9)].sum())
+
+    def quantile(self, part: float) -> float:
+        """Return the diameter that this part of the volume that is reached does not exceed.
+
+        NaN where none is.
+        """
+        if not len(self.sizes):
+            return math.nan
+        place = np.searchsorted(np.cumsum(self.shares), part * self.reached * (1 - 1e-12))
+        return float(self.sizes[min(int(place), len(self.sizes) - 1)])
+
+
+def mercury_intrusion(grid: VoxelGrid, *, progress: Progress | None = None) -> MercuryIntrusion:
+    """Return at which diameters a liquid that does not wet comes to each place of the pores.
+
+    It fills what a ball of some diameter sweeps whose centre comes from outside (E. W. Washburn,
+    Proc. Natl. Acad. Sci. 7, 1921: pressure p lets in what is wider than d = 4 γ cos θ/p). A centre
+    goes from voxel to voxel by faces, edges and corners; along its way the ball is no larger than
+    where the pore is narrowest. Over each voxel stands the largest ball that comes to it so: what
+    local thickness is of balls that need not come from anywhere. Equal to trying all of them.
+
+    Parameters
+    ----------
+    grid
+        The body; any spacing. Balls come in by all sides that are not periodic, and from pores that
+        lie beyond the bulk.
+    progress
+        Called as ``progress("access", done)`` with done in 0 … 1; raising in it cancels.
+
+    Returns
+    -------
+    MercuryIntrusion
+        The diameter's doubt is that of ``local_thickness``.
+
+    Raises
+    ------
+    GridError
+        Where one of the phases is missing, or the grid is periodic along all axes and all bulk.
+    MemoryLimitError
+        Where there is too little memory.
+    """
+    return intrusion(Sample(grid, progress=progress))
+
+
+def accessible_porosity(grid: VoxelGrid, *, probe: float) -> Measure:
+    """Return the part of the bulk that a ball from outside sweeps, unit 1.
+
+    Its centre comes from a side that is not periodic, or from void that is not of the bulk; see
+    ``mercury_intrusion``. What it sweeps is the union of balls of this diameter and of larger ones
+    that come as far, which hold it.
+
+    Parameters
+    ----------
+    grid
+        The body.
+    probe
+        The ball's diameter, in the grid's unit.
+
+    Returns
+    -------
+    Measure
+        The uncertainty holds what it would be for balls by a voxel smaller and larger (half of
+        that), and the difference to voxels twice as large; infinite where there are none.
+
+    Raises
+    ------
+    GridError
+        For a probe that is not positive, and as ``mercury_intrusion``.
+    MemoryLimitError
+        Where there is too little memory.
+    """
+    if not (math.isfinite(probe) and probe > 0):
+        raise GridError(f"probe: got {probe}; wanted a diameter above 0")
+    sample = Sample(grid)
+    coarse = sample.coarse
+    both = coarse is not None and coarse.has_both
+    return accessible(intrusion(sample), intrusion(coarse) if coarse and both else None, probe)
+
+
+def accessible(fine: MercuryIntrusion, coarse: MercuryIntrusion | None, probe: float) -> Measure:
+    """Return the accessible porosity, from what is reached, and what is at half the resolution."""
+    value = fine.porosity * fine.share(probe)
+    narrow, wide = fine.share(probe + fine.doubt), fine.share(max(probe - fine.doubt, 0.0))
+    doubt = 0.5 * fine.porosity * (wide - narrow)
+    other = math.inf if coarse is None else coarse.porosity * coarse.share(probe) - value
+    return Measure(
+        "accessible_porosity", value, "1", BALLS, math.hypot(doubt, other), "standard", "grid"
+    )
+
+
+def percolation_diameters(grid: VoxelGrid) -> Measures:
+    """Return the diameters of the largest balls that pass through the pores, axis by axis.
+
+    Along an axis that is not periodic a ball passes whose centre goes from the first layer of the
+    bulk to the last; along one that is, whose centre comes to the same place one or more periods
+    on. Its centre stays in pores of the bulk and goes from voxel to voxel by faces, edges and
+    corners. Known as critical pore diameter (A. J. Katz, A. H. Thompson, Phys. Rev. B 34, 1986).
+
+    Parameters
+    ----------
+    grid
+        The body; any spacing.
+
+    Returns
+    -------
+    Measures
+        percolation_diameter_x, percolation_diameter_y and percolation_diameter_z, those that are:
+        where nothing passes there is no row. The uncertainty is that of a diameter (see
+        ``local_thickness``) and the difference to voxels twice as large, which is the whole
+        diameter where nothing passes there; infinite where these have but one phase.
+
+    Raises
+    ------
+    GridError
+        Where one of the phases is missing.
+    MemoryLimitError
+        Where there is too little memory.
+    """
+    sample = Sample(grid)
+    return Measures(percolation_rows(sample, passing(sample), passing_coarse(sample)))
+
+
+def percolation_rows(sample: Sample, fine: Three, coarse: Three | None) -> tuple[Measure, ...]:
+    """Return the rows of diameters that pass, zero where none does, at both resolutions."""
+    return tuple(
+        Measure(
+            f"percolation_diameter_{axis}",
+            value,
+            sample.frame.unit,
+            WAYS,
+            math.hypot(doubt_of(sample), 0.0 if coarse is None else other - value),
+            "standard",
+            "grid",
+        )
+        for axis, value, other in zip("xyz", fine, coarse or fine, strict=True)
+        if value
+    )
+
+
+def passing_coarse(sample: Sample) -> Three | None:
+    """Return what passes at half the resolution; infinite where one phase is lost there."""
+    if sample.coarse is None:
+        return None
+    return passing(sample.coarse) if sample.coarse.has_both else (math.inf,) * 3
+
+
+def doubt_of(sample: Sample) -> float:
+    """Return the doubt of a diameter: a voxel, and twice what sampling is off."""
+    return math.hypot(max(sample.frame.spacing), 2 * sample.grid.sampling_error)
+
+
+def passing(sample: Sample) -> Three:
+    """Return the diameter of the largest ball that passes along each axis; 0 where none does.
+
+    Thresholds are halved between: each time the balls' centres are labelled.
+    """
+    from porous.kernels.widest import TIE, levels_of
+
+    squares = _squares(sample)
+    levels = levels_of(squares)
+    low, high = np.zeros(3, np.int64), np.full(3, len(levels) + 1)
+    steps = math.ceil(math.log2(len(levels) + 1)) * 2
+    while (high - low).max() > 1:
+        axis = int(np.argmax(high - low))
+        middle = int(low[axis] + high[axis]) // 2
+        beyond = squares.values < levels[middle - 1] * (1 - TIE)
+        through = _through(sample, beyond)
+        low = np.where(through, np.maximum(low, middle), low)
+        high = np.where(through, high, np.minimum(high, middle))
+        sample.tell(NAME, 0.3 * max(0.0, 1 - math.log2((high - low).max()) / steps))
+    sizes = 2 * squares.step * np.sqrt(np.concatenate([[0.0], levels])[low])
+    return float(sizes[0]), float(sizes[1]), float(sizes[2])
+
+
+def _through(sample: Sample, beyond: Bools) -> Bools:
+    """Return along which axes a way of 26 neighbours leads through what is not ``beyond``."""
+    fill = np.where(beyond, np.uint8(255), np.uint8(0))
+    census = Census(VoxelGrid(sample.frame, fill, sample.grid.bulk))
+    pieces = census.pieces(solid=False, connectivity=26, in_bulk=True)
+    return np.asarray(pieces.through.any(axis=0))
+
+
+def _squares(sample: Sample) -> Squares:
+    """Return the squared distances of the pores.
+
+    Raises
+    ------
+    GridError
+        Where one of the phases is missing.
+    MemoryLimitError
+        Where there is too little memory for what comes after.
+    """
+    from porous.kernels.distance import FAR
+
+    frame = sample.frame
+    each = BYTES[len(set(frame.spacing)) == 1]
+    size = " × ".join(map(str, frame.shape))
+    check_memory(frame.size * each, f"access of {size} voxels", "Use fewer voxels, or a part.")
+    squares = sample.squares("pore")
+    if squares.values.max() >= FAR:
+        raise GridError("access: all voxels are pore; wanted both phases")
+    return squares
+
+
+def outside_of(sample: Sample) -> Bools:
+    """Return where balls come from: sides that are not periodic, and all that is not of the bulk.
+
+    Voxels of the solid may be among them, and none at all.
+    """
+    frame, bulk = sample.frame, sample.grid.bulk
+    result = np.zeros(frame.shape, bool) if bulk is None else bulk < 128
+    for axis in (a for a in range(3) if not frame.periodic[a]):
+        layers = np.moveaxis(result, axis, 0)
+        layers[0] = layers[-1] = True
+    return result
+
+
+def intrusion(sample: Sample) -> MercuryIntrusion:
+    """Return what ``mercury_intrusion`` does, of a sample.
+
+    Raises
+    ------
+    GridError
+        Where one of the phases is missing, or balls come from nowhere.
+    MemoryLimitError
+        Where there is too little memory.
+    """
+    from porous.kernels.thickness import largest_balls
+    from porous.kernels.widest import thinned, widest
+
+    squares, outside = _squares(sample), outside_of(sample)
+    if not outside.any():
+        raise GridError(
+            "access: the grid is periodic along all axes, so that nothing comes from outside; "
+            "wanted an axis that is not, or pores beyond the bulk"
+        )
+    periodic = sample.frame.periodic
+    ways = widest(squares, outside, periodic=periodic, progress=_part(sample, 0.3, 0.6))
+    balls = thinned(squares, ways, periodic=periodic)
+    reached = ways
+    if ways.any():
+        found = largest_balls(balls, periodic=periodic, progress=_part(sample, 0.6, 1.0))
+        reached = np.maximum(found, ways, out=found)
+    return _told(sample, reached, squares.step)
+
+
+def _part(sample: Sample, start: float, stop: float) -> Callable[[int, int], None]:
+    return lambda done, count: sample.tell(NAME, start + (stop - start) * done / max(count, 1))
+
+
+def _told(sample: Sample, reached: Numbers, step: float) -> MercuryIntrusion:
+    counted = ~sample.grid.solid if sample.grid.bulk is None else sample.voxels("pore").counted
+    bulk = sample.frame.size
+    if sample.grid.bulk is not None:
+        bulk = int(np.count_nonzero(sample.grid.bulk >= 128))
+    pores = int(np.count_nonzero(counted))
+    values, counts = _occurring(reached, counted)
+    diameters = np.sqrt(reached, dtype=np.float32)
+    diameters *= np.float32(2 * step)
+    return MercuryIntrusion(
+        sample.frame,
+        adopted(diameters),
+        2 * step * np.sqrt(values),
+        counts / pores,
+        pores / bulk,
+        doubt_of(sample),
+    )
+
+
+def _occurring(squares: Numbers, counted: Bools) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the squares above zero that occur among the voxels that count, and how often."""
+    chosen = squares[counted]
+    if chosen.dtype.kind == "i":
+        often = np.bincount(chosen)
+        often[:1] = 0
+        values = np.flatnonzero(often)
+        return values.astype(np.float64), often[values]
+    found, often = np.unique(chosen[chosen > 0], return_counts=True)
+    return found.astype(np.float64), often
