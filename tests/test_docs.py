@@ -20,6 +20,7 @@ from porous.values.measure import ORDER
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
 NOT_MEASURES |= {"MercuryIntrusion", "mercury_intrusion", "percolation_diameters"}
+NOT_MEASURES |= {"cupped_volume", "islands", "overhangs"}
 NOT_MEASURES |= {
     "ChordLengths",
     "Chords",
@@ -79,6 +80,9 @@ def taken():
         rows += [*known.thicknesses(known.local_thickness(grid, phase=phase))]
         rows += [*known.chords(known.chord_lengths(grid, phase=phase))]
     rows += known.survey(grid, how=known.Survey(probe=0.4), only=["access"]).measures
+    how = known.Survey(probe=0.4, smallest_wall=0.4, smallest_gap=0.4)
+    rows += known.survey(grid, model=model, how=how, only=["printability"]).measures
+    rows += [known.trapped_volume(grid)]
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]
     return rows
 

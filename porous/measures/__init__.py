@@ -24,6 +24,7 @@ from porous.measures._intrusion import (
     mercury_intrusion,
     percolation_diameters,
 )
+from porous.measures._islands import islands
 from porous.measures._measure import COUNTED, measure
 from porous.measures._mesh import (
     largest_aspect_ratio,
@@ -39,6 +40,7 @@ from porous.measures._model import (
     smallest_feature,
     smallest_pore,
 )
+from porous.measures._overhangs import overhangs
 from porous.measures._pores import (
     closed_porosity,
     open_porosity,
@@ -47,6 +49,7 @@ from porous.measures._pores import (
     through_porosity_z,
 )
 from porous.measures._porosity import porosity, relative_density
+from porous.measures._printability import narrow_gap_share, thin_wall_share
 from porous.measures._roughness import (
     HeightMap,
     Variogram,
@@ -71,6 +74,7 @@ from porous.measures._topology import (
     genus,
     genus_26,
 )
+from porous.measures._trapped import cupped_volume, trapped_volume
 from porous.measures._volume import volume
 
 __all__ = [
@@ -99,6 +103,7 @@ __all__ = [
     "closed_porosity",
     "components",
     "components_26",
+    "cupped_volume",
     "euler_number",
     "euler_number_26",
     "families",
@@ -109,15 +114,18 @@ __all__ = [
     "hausdorff_distance",
     "height_map",
     "interface_area",
+    "islands",
     "largest_aspect_ratio",
     "largest_dihedral_angle",
     "largest_edge_ratio",
     "local_thickness",
     "measure",
     "mercury_intrusion",
+    "narrow_gap_share",
     "open_porosity",
     "over_blocks",
     "percolation_diameters",
+    "overhangs",
     "pore_chord_mean",
     "porosity",
     "relative_density",
@@ -132,10 +140,12 @@ __all__ = [
     "surface_area",
     "survey",
     "thicknesses",
+    "thin_wall_share",
     "through_porosity_x",
     "through_porosity_y",
     "through_porosity_z",
     "tiles_of",
+    "trapped_volume",
     "two_point",
     "variogram",
     "volume",

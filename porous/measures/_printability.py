@@ -1,0 +1,180 @@
+"""Whether a body can be printed and cleaned: walls, overhangs, islands, what stays in it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from porous.errors import GridError, ModelError
+from porous.measures._build import Direction, directions_of, row
+from porous.measures._islands import grid_islands
+from porous.measures._overhangs import Inclined, grid_overhangs, surface_overhangs
+from porous.measures._sample import Family, Findings, Sample
+from porous.measures._thickness import METHOD as THICKNESS
+from porous.measures._thickness import local_thickness
+from porous.measures._trapped import grid_cupped, grid_trapped, has_outside
+from porous.models.automaton import count_cells
+from porous.models.model import HasBoundary
+from porous.values import Curve, Measure, Measures
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from porous.measures._thickness import LocalThickness
+    from porous.values import VoxelGrid
+
+MOST = 256**3
+"""Voxels that are looked at, at most; of larger grids coarser ones are."""
+
+CELLS = 10_000
+"""Cells of a model whose exact boundary is made, at most: it takes seconds."""
+
+RANKED = ("unsupported_volume", "overhang_area", "cupped_volume")
+"""What tells the best direction, the first of them first."""
+
+SHARES = {
+    "solid": ("thin_wall_share", "walls thinner", "solid"),
+    "pore": ("narrow_gap_share", "gaps narrower", "pores"),
+}
+
+
+def thin_wall_share(grid: VoxelGrid, *, width: float) -> Measure:
+    """Return the part of the solid's volume in walls that are thinner than a width, unit 1.
+
+    By local thickness: of each place the diameter of the largest ball of solid over it. The
+    uncertainty is what a diameter's doubt of a voxel more or less makes of it.
+
+    Raises
+    ------
+    GridError
+        Where one of the phases is missing, or the width is no length.
+    """
+    return _share(local_thickness(grid, phase="solid"), width)
+
+
+def narrow_gap_share(grid: VoxelGrid, *, width: float) -> Measure:
+    """Return the part of the pores' volume that is narrower than a width, unit 1.
+
+    As ``thin_wall_share`` of the solid.
+    """
+    return _share(local_thickness(grid, phase="pore"), width)
+
+
+def _share(local: LocalThickness, width: float) -> Measure:
+    if not (math.isfinite(width) and width > 0):
+        raise GridError(f"width: got {width}; wanted a length above 0")
+    # Diameters that are roots of whole numbers may be off in the last digit.
+    less, value, more = (
+        float(local.shares[local.sizes < (width + a) * (1 - 1e-9)].sum())
+        for a in (-local.doubt, 0.0, local.doubt)
+    )
+    doubt = max(value - less, more - value)
+    return row(SHARES[local.phase][0], value, "1", THICKNESS, doubt)
+
+
+def _take(sample: Sample) -> Findings:
+    found = _thin(sample)
+    within = sample.within(MOST)
+    if not sample.has("solid"):
+        return found
+    directions = directions_of(within.frame)
+    overhang, inclined = grid_overhangs(within)
+    hanging, by_layer = grid_islands(within, directions)
+    rows, curves = overhang + hanging, (*_by_angle(inclined, within, directions), *by_layer)
+    if sample.has("pore") and has_outside(within):
+        rows += grid_cupped(within, directions) + Measures((grid_trapped(within),))
+    notes = (*_coarser(sample, within), *_best(rows, directions))
+    return found + Findings(rows + _exact(sample), curves, notes)
+
+
+def _thin(sample: Sample) -> Findings:
+    """Compare walls and gaps with what the machine can make, where it is known."""
+    found, unit = Findings(), sample.frame.unit
+    limits = {"solid": sample.how.smallest_wall, "pore": sample.how.smallest_gap}
+    for phase, limit in limits.items():
+        if limit is None or not sample.has_both:
+            continue
+        local = sample.thickness(phase)
+        share, (_, words, whole) = _share(local, limit), SHARES[phase]
+        least = "" if math.isnan(local.smallest) else f"; the least is {local.smallest:.3g} {unit}"
+        verdict = f"{words} than {limit:g} {unit} make up {100 * share.value:.3g} % of the {whole}"
+        found += Findings(Measures((share,)), (), (verdict + least,))
+    return found
+
+
+def _exact(sample: Sample) -> Measures:
+    """Return the overhangs of the model's own boundary, where there is one and it is soon made."""
+    model = sample.model
+    if not isinstance(model, HasBoundary) or any(sample.frame.periodic):
+        return Measures()
+    level, automaton = (getattr(model, name, None) for name in ("level", "automaton"))
+    if isinstance(level, int) and automaton is not None and count_cells(automaton, level) > CELLS:
+        return Measures()
+    try:
+        surface = model.boundary()
+    except ModelError:
+        return Measures()
+    return surface_overhangs(surface, sample.how.overhang, "exact boundary", "model")
+
+
+def _by_angle(
+    inclined: Inclined, sample: Sample, directions: tuple[Direction, ...]
+) -> Iterator[Curve]:
+    """Yield the area that hangs over at less than each angle, for each direction."""
+    unit = f"{sample.frame.unit}²"
+    angles = np.arange(91.0)
+    for direction in directions if inclined.total else ():
+        yield Curve(
+            "overhang_by_angle",
+            f"built along {direction.words}",
+            angles,
+            np.array([inclined.below(direction, angle) for angle in angles]),
+            "angle to the plate",
+            "°",
+            "area below it",
+            unit,
+            "voxel normals",
+        )
+
+
+def _coarser(sample: Sample, within: Sample) -> Iterator[str]:
+    if within is not sample:
+        size = " × ".join(map(str, within.frame.shape))
+        yield f"overhangs, islands and what stays in the pores are of a coarser grid, {size} voxels"
+
+
+def _best(rows: Measures, directions: tuple[Direction, ...]) -> Iterator[str]:
+    """Say which direction is the best to build in, and by what.
+
+    Of those left the least is looked for, quantity by quantity; what is no farther from the least
+    than either's uncertainty counts as equal to it.
+    """
+    left = list(directions)
+    for name in RANKED:
+        there = {d: rows[f"{name}_{d.name}"] for d in left if f"{name}_{d.name}" in rows}
+        if there:
+            least = min(there.values(), key=lambda r: r.value)
+            left = [d for d, r in there.items() if _no_more(r, least)]
+    if not left:
+        return
+    rule = "the least unsupported volume, then overhang area, then cupped volume"
+    if len(left) == len(directions):
+        yield f"no direction to build in is better than another by {rule}, as far as they are known"
+        return
+    words = ", ".join(d.words for d in left)
+    told = "; ".join(
+        f"{name.replace('_', ' ')} {rows[key].value:.4g} {rows[key].unit}"
+        for name in RANKED
+        if (key := f"{name}_{left[0].name}") in rows
+    )
+    yield f"best built along {words}, of {len(directions)} directions, by {rule} ({told})"
+
+
+def _no_more(one: Measure, least: Measure) -> bool:
+    doubt = max(one.uncertainty, least.uncertainty)
+    return one is least or (math.isfinite(doubt) and one.value - least.value <= doubt)
+
+
+FAMILY = Family("printability", "Printing and cleaning", 90, _take)
