@@ -14,24 +14,30 @@ from porous.models.ifs import ifs
 from porous.models.rough import Rough, Skin
 from porous.recipe import build, load
 from porous.stages import exact_surface, extract_surface, hexahedralize, voxelize
-from porous.values import Block, Box, VolumeMesh
+from porous.values import Block, Box, Frame, VolumeMesh, VoxelGrid
 from porous.values.measure import ORDER
 
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
-NOT_MEASURES |= {"MercuryIntrusion", "mercury_intrusion", "percolation_diameters"}
-NOT_MEASURES |= {"cupped_volume", "islands", "overhangs"}
+NOT_MEASURES |= {"Family", "Findings", "Sample", "Survey", "families", "survey"}
 NOT_MEASURES |= {
     "ChordLengths",
     "Chords",
     "HeightMap",
+    "Intercepts",
     "LinealPath",
     "LocalThickness",
     "OverBlocks",
     "TwoPoint",
     "Variogram",
+    "chord_curves",
     "chord_lengths",
     "chords",
+    "correlation_curves",
+    "fabric",
+    "intercepts",
+    "size_curves",
+    "sizes",
     "height_map",
     "local_thickness",
     "over_blocks",
@@ -79,10 +85,12 @@ def taken():
     for phase in ("pore", "solid"):
         rows += [*known.thicknesses(known.local_thickness(grid, phase=phase))]
         rows += [*known.chords(known.chord_lengths(grid, phase=phase))]
-    rows += known.survey(grid, how=known.Survey(probe=0.4), only=["access"]).measures
-    how = known.Survey(probe=0.4, smallest_wall=0.4, smallest_gap=0.4)
-    rows += known.survey(grid, model=model, how=how, only=["printability"]).measures
-    rows += [known.trapped_volume(grid)]
+    frame = Frame((0, 0, 0), (1, 1, 1), (16, 18, 20), unit="cm")
+    squares = [((frame.centres(a) - n / 2) / n) ** 2 for a, n in enumerate((16, 18, 20))]
+    ball = (4 * squares[0])[:, None, None] + (2 * squares[1])[:, None] + squares[2] < 0.2
+    cut_out = known.Survey(beyond="unknown")
+    for body in (grid, VoxelGrid.of_solid(ball, frame)):
+        rows += known.survey(body, how=cut_out, only=["sizes", "statistics"]).measures
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]
     return rows
 

@@ -15,16 +15,10 @@ from porous.measures._chords import (
     pore_chord_mean,
     wall_chord_mean,
 )
-from porous.measures._correlation import TwoPoint, two_point
+from porous.measures._correlation import TwoPoint, correlation_length, two_point
 from porous.measures._fold import Journal, fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
-from porous.measures._intrusion import (
-    MercuryIntrusion,
-    accessible_porosity,
-    mercury_intrusion,
-    percolation_diameters,
-)
-from porous.measures._islands import islands
+from porous.measures._intercept import Intercepts, fabric, intercepts
 from porous.measures._measure import COUNTED, measure
 from porous.measures._mesh import (
     largest_aspect_ratio,
@@ -40,7 +34,6 @@ from porous.measures._model import (
     smallest_feature,
     smallest_pore,
 )
-from porous.measures._overhangs import overhangs
 from porous.measures._pores import (
     closed_porosity,
     open_porosity,
@@ -49,7 +42,6 @@ from porous.measures._pores import (
     through_porosity_z,
 )
 from porous.measures._porosity import porosity, relative_density
-from porous.measures._printability import narrow_gap_share, thin_wall_share
 from porous.measures._roughness import (
     HeightMap,
     Variogram,
@@ -59,6 +51,8 @@ from porous.measures._roughness import (
     variogram,
 )
 from porous.measures._sample import Family, Findings, Sample, Survey
+from porous.measures._sizes import size_curves, sizes
+from porous.measures._statistics import chord_curves, correlation_curves
 from porous.measures._surface_area import (
     interface_area,
     specific_surface_area,
@@ -74,7 +68,6 @@ from porous.measures._topology import (
     genus,
     genus_26,
 )
-from porous.measures._trapped import cupped_volume, trapped_volume
 from porous.measures._volume import volume
 
 __all__ = [
@@ -85,27 +78,29 @@ __all__ = [
     "Family",
     "Findings",
     "HeightMap",
+    "Intercepts",
     "Journal",
     "LinealPath",
     "LocalThickness",
-    "MercuryIntrusion",
     "OverBlocks",
     "Sample",
     "Survey",
     "TwoPoint",
     "Variogram",
-    "accessible_porosity",
     "affinity_dimension",
     "box_counts",
     "box_dimension",
+    "chord_curves",
     "chord_lengths",
     "chords",
     "closed_porosity",
     "components",
     "components_26",
-    "cupped_volume",
+    "correlation_curves",
+    "correlation_length",
     "euler_number",
     "euler_number_26",
+    "fabric",
     "families",
     "finest_printable_level",
     "fold",
@@ -113,25 +108,23 @@ __all__ = [
     "genus_26",
     "hausdorff_distance",
     "height_map",
+    "intercepts",
     "interface_area",
-    "islands",
     "largest_aspect_ratio",
     "largest_dihedral_angle",
     "largest_edge_ratio",
     "local_thickness",
     "measure",
-    "mercury_intrusion",
-    "narrow_gap_share",
     "open_porosity",
     "over_blocks",
-    "percolation_diameters",
-    "overhangs",
     "pore_chord_mean",
     "porosity",
     "relative_density",
     "roughness",
     "roughness_of_sides",
     "similarity_dimension",
+    "size_curves",
+    "sizes",
     "smallest_dihedral_angle",
     "smallest_feature",
     "smallest_pore",
@@ -140,12 +133,10 @@ __all__ = [
     "surface_area",
     "survey",
     "thicknesses",
-    "thin_wall_share",
     "through_porosity_x",
     "through_porosity_y",
     "through_porosity_z",
     "tiles_of",
-    "trapped_volume",
     "two_point",
     "variogram",
     "volume",

@@ -12,7 +12,7 @@ from porous.errors import GridError
 from porous.measures._census import Census
 from porous.measures._phase import PREFIX, voxels_of
 from porous.measures._porosity import Amounts
-from porous.measures._surface_area import interface_area, surface_area
+from porous.measures._surface_area import GRID as AREAS
 from porous.values import Measure, Measures
 from porous.values.value import Value, frozen
 
@@ -234,7 +234,7 @@ def _rows(lengths: ChordLengths) -> Iterator[Measure]:
         yield Measure(name, mean, lengths.unit, METHOD, doubt, "standard", "grid")
 
 
-def pore_chord_mean(grid: Tiled) -> Measure:
+def pore_chord_mean(grid: Tiled | Census) -> Measure:
     """Return the mean chord length of pores over all lines, 4 V/A, in the grid's unit.
 
     V is the volume of the pores in the frame, by voxel fill, and A the area between them and the
@@ -247,28 +247,31 @@ def pore_chord_mean(grid: Tiled) -> Measure:
         Where there is no interface, or the bulk is not the frame, beyond which a grid does not
         tell pores from what is not there.
     """
-    census = Census(grid)
+    census = Census.of(grid)
     if census.has_bulk:
         raise GridError("pore_chord_mean: the bulk is not the grid's box; wanted a box")
     amounts = Amounts(census)
     voids = census.frame.size - amounts.everywhere
-    return _over(census, interface_area(grid), voids, amounts.everywhere_doubt, "pore")
+    area = AREAS["interface_area", "crofton"](census)
+    return _over(census, area, voids, amounts.everywhere_doubt, "pore")
 
 
-def wall_chord_mean(grid: Tiled) -> Measure:
+def wall_chord_mean(grid: Tiled | Census, *, beyond: str = "void") -> Measure:
     """Return the mean chord length of solid over all lines, 4 V/A, in the grid's unit.
 
     V is the volume of the solid by voxel fill and A its ``surface_area`` by crofton: along axes
-    that are not periodic the solid ends where the frame does.
+    that are not periodic the solid ends where the frame does. With ``beyond="unknown"`` it does
+    not, and A is its ``interface_area``.
 
     Raises
     ------
     GridError
         Where there is no surface.
     """
-    census = Census(grid)
+    census = Census.of(grid)
     amounts = Amounts(census)
-    area = surface_area(grid)
+    name = "interface_area" if beyond == "unknown" else "surface_area"
+    area = AREAS[name, "crofton"](census)
     return _over(census, area, amounts.everywhere, amounts.everywhere_doubt, "wall")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from porous.errors import GridError
 from porous.measures._phase import voxels_of
+from porous.values import Measure
 from porous.values.value import Value, frozen
 
 if TYPE_CHECKING:
@@ -206,3 +208,53 @@ def _averaged(
     known = sums[0] > 0
     lags, lengths, found = sums[:, known]
     return lengths / lags, found / lags, lags.astype(np.int64)
+
+
+def correlation_length(found: TwoPoint, coarse: TwoPoint | None = None) -> Measure:
+    """Return how far the phases correlate: the integral of (S₂ − φ²)/(φ − φ²), in units of length.
+
+    S₂ is the two-point correlation averaged over directions and φ its value at zero. The integral
+    runs up to where S₂ first comes down to φ² (the integral scale). It is the same for pores and
+    for solid.
+
+    Parameters
+    ----------
+    found
+        What ``two_point`` found.
+    coarse
+        The same of voxels twice as long.
+
+    Returns
+    -------
+    Measure
+        The uncertainty is the difference to the coarse one. It is not known without that, or where
+        S₂ does not come down so far within the distances told.
+
+    Raises
+    ------
+    GridError
+        Where one of the phases is missing.
+    """
+    value, ended = _integral(found)
+    doubt = math.inf
+    if coarse is not None and ended:
+        other, ended = _integral(coarse)
+        doubt = abs(value - other) if ended else math.inf
+    name, unit = "correlation_length", found.unit
+    return Measure(name, value, unit, "two-point correlation", doubt, "standard", "grid")
+
+
+def _integral(found: TwoPoint) -> tuple[float, bool]:
+    """Return the integral, and whether it ended before the distances did."""
+    share = float(found.values[0])
+    if not 0 < share < 1:
+        raise GridError(f"correlation_length: got a phase that is {share:.6g} of all; wanted both")
+    left = (found.values - share**2) / (share - share**2)
+    past = np.flatnonzero(left <= 0)
+    x = found.distances
+    if not len(past):
+        return float(np.trapezoid(left, x)), False
+    k = int(past[0])
+    end = x[k - 1] + (x[k] - x[k - 1]) * left[k - 1] / (left[k - 1] - left[k])
+    upto = np.append(left[:k], 0.0)
+    return float(np.trapezoid(upto, np.append(x[:k], end))), True

@@ -71,7 +71,7 @@ def crofton(spacing: Spacing) -> Crofton:
     unit = steps / lengths[:, None]
     areas = SphericalVoronoi(np.concatenate([unit, -unit])).calculate_areas()
     weights = (areas[:13] + areas[13:]) / areas.sum()
-    seen = 2 * np.abs(_normals() @ unit.T) @ weights - 1
+    seen = 2 * np.abs(even_normals() @ unit.T) @ weights - 1
     # The deepest dips lie at normals of planes that hold many of the directions.
     normals = np.cross(unit[:, None], unit[None]).reshape(-1, 3)
     size = np.linalg.norm(normals, axis=1)
@@ -86,7 +86,7 @@ def crofton(spacing: Spacing) -> Crofton:
     )
 
 
-def _normals(count: int = 20_000) -> Floats:
+def even_normals(count: int = 20_000) -> Floats:
     """Return normals spread evenly over the sphere, by the golden angle, shape (count, 3)."""
     z = 1 - (2 * np.arange(count) + 1) / count
     turn = math.pi * (1 + math.sqrt(5)) * np.arange(count)

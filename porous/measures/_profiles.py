@@ -1,0 +1,291 @@
+"""How a body changes from place to place: layers along the axes, and boxes of growing size."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from porous.kernels.windows import CROSSINGS
+from porous.measures._blocks import over_blocks
+from porous.measures._porosity import porosity, solid_fractions
+from porous.measures._surface_area import crofton, interface_area
+from porous.values import Curve, Measure, Measures
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from porous.measures._census import Census
+    from porous.measures._sample import Sample
+    from porous.values import Frame, VoxelGrid
+
+    Floats = NDArray[np.float64]
+    Index = tuple[int, int, int]
+
+SLAB = 1 << 22
+"""Voxels that are looked at at once, about."""
+
+CELLS = (24, 12, 6)
+"""Into how many cells the shortest edge is cut, of at least two voxels: boxes are made of them."""
+
+BOXES = 8
+"""Boxes of a size, at least, whose spread is told."""
+
+APART = 5.0
+"""Correlation lengths that a block is long, at least, for blocks to count as independent."""
+
+
+class Sums(NamedTuple):
+    """Solid and bulk of voxels, in fractions, summed."""
+
+    solid: Floats
+    bulk: Floats
+
+    @property
+    def porosity(self) -> Floats:
+        """The void part of the bulk; NaN where there is none."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return 1 - self.solid / self.bulk
+
+
+def _fractions(census: Census) -> tuple[Floats, Floats]:
+    """Return the shares that fills and bulks stand for, each of 256 bytes."""
+    histogram = census.fills.histogram
+    bulk_sampling = "fill" if census.sampled else ""
+    return (
+        solid_fractions(histogram.sum(axis=1), census.source.sampling),
+        solid_fractions(histogram.sum(axis=0), bulk_sampling),
+    )
+
+
+def _planes(sample: Sample) -> Iterator[tuple[slice, Sums]]:
+    """Yield the solid and the bulk of each voxel, some planes across x at a time."""
+    grid, (fills, bulks) = sample.grid, _fractions(sample.census)
+    nx, ny, nz = grid.frame.shape
+    step = max(1, SLAB // (ny * nz))
+    for a in range(0, nx, step):
+        part = slice(a, min(a + step, nx))
+        solid = fills[grid.fill[part]]
+        bulk = np.ones((1, 1, 1)) if grid.bulk is None else bulks[grid.bulk[part]]
+        yield part, Sums(np.minimum(solid, bulk), np.broadcast_to(bulk, solid.shape))
+
+
+def porosity_profiles(sample: Sample) -> tuple[Curve, ...]:
+    """Return the porosity of each layer of voxels along x, y and z, by voxel fill.
+
+    It refers to the bulk; layers without any are left out. The mean over a box's layers is its
+    porosity.
+
+    Parameters
+    ----------
+    sample
+        The grid under survey.
+
+    Returns
+    -------
+    tuple of Curve
+        porosity_profile along x, y and z, over the places of the layers' centres.
+    """
+    frame = sample.frame
+    sums = [Sums(np.zeros(n), np.zeros(n)) for n in frame.shape]
+    for part, voxels in _planes(sample):
+        for total, given in zip(zip(*sums, strict=True), voxels, strict=True):
+            total[0][part] += given.sum(axis=(1, 2))
+            total[1][:] += given.sum(axis=(0, 2))
+            total[2][:] += given.sum(axis=(0, 1))
+    return tuple(_profile(frame, axis, found.porosity) for axis, found in enumerate(sums))
+
+
+def _profile(frame: Frame, axis: int, layers: Floats) -> Curve:
+    letter, there = "xyz"[axis], np.isfinite(layers)
+    return Curve(
+        "porosity_profile",
+        f"along {letter}",
+        frame.centres(axis)[there],
+        layers[there],
+        "place",
+        frame.unit,
+        "porosity",
+        "1",
+        "voxel fill",
+    )
+
+
+class Cells(NamedTuple):
+    """Cubes that boxes are made of: their edge, how many the largest box has along it, and sums.
+
+    ``solid`` and ``bulk`` are in voxels, of which there are ``voxels``; ``area`` is that between
+    solid and void, by the volume of a voxel.
+    """
+
+    edge: float
+    most: int
+    solid: Floats
+    bulk: Floats
+    area: Floats
+    voxels: Floats
+
+
+def representative_volumes(sample: Sample) -> tuple[Curve, ...]:
+    """Return porosity and specific surface of boxes by their size: mean and spread.
+
+    The frame is filled with cubes of one size, in turn from a 24th of its shortest edge to half of
+    it. Where the spread has become small, a box is a representative volume (J. Bear, Dynamics of
+    Fluids in Porous Media, 1972). The surface is that between the phases by crofton. Boxes that are
+    not all bulk are left out, and so are sizes of fewer than 8 boxes.
+
+    Parameters
+    ----------
+    sample
+        The grid under survey.
+
+    Returns
+    -------
+    tuple of Curve
+        representative_volume (porosity) and representative_surface (area by volume), over the edge
+        of the boxes; the band is one standard deviation of a box. None for small grids.
+    """
+    cells = _cells(sample)
+    if cells is None:
+        return ()
+    rows = [row for j in _divisors(cells.most) if (row := _boxes(cells, j)) is not None]
+    if not rows:
+        return ()
+    x, phi, spread, surface, scatter = np.array(rows).T
+    unit = sample.frame.unit
+
+    def curve(name: str, what: str, y_unit: str, method: str, y: Floats, by: Floats) -> Curve:
+        words = ("boxes", x, y, "edge of a box", unit, what, y_unit, method)
+        return Curve(name, *words, y - by, y + by)
+
+    return (
+        curve("representative_volume", "porosity", "1", "voxel fill", phi, spread),
+        curve("representative_surface", "area by volume", f"1/{unit}", "crofton", surface, scatter),
+    )
+
+
+def _divisors(n: int) -> Iterator[int]:
+    return (j for j in range(1, n + 1) if n % j == 0)
+
+
+def _cells(sample: Sample) -> Cells | None:
+    frame = sample.frame
+    lengths = frame.box.lengths
+    for most in CELLS:
+        edge = min(lengths) / most
+        if edge >= 2 * max(frame.spacing) * (1 - 1e-9):
+            break
+    else:
+        return None
+    bounds = [
+        np.rint(np.arange(int(length / edge * (1 + 1e-9)) + 1) * edge / h).astype(np.int64)
+        for length, h in zip(lengths, frame.spacing, strict=True)
+    ]
+    solid, bulk, area = (np.zeros([len(b) - 1 for b in bounds]) for _ in range(3))
+    for i, (a, b) in enumerate(zip(bounds[0], bounds[0][1:], strict=False)):
+        for total, given in zip((solid, bulk, area), _layer(sample, a, b), strict=True):
+            total[i] = _summed(given.sum(axis=0), bounds[1], bounds[2])
+    x, y, z = (np.diff(b).astype(np.float64) for b in bounds)
+    return Cells(edge, most, solid, bulk, area, x[:, None, None] * y[:, None] * z)
+
+
+def _summed(plane: Floats, y: NDArray[np.int64], z: NDArray[np.int64]) -> Floats:
+    whole = plane[: y[-1], : z[-1]]
+    return np.asarray(np.add.reduceat(np.add.reduceat(whole, y[:-1], 0), z[:-1], 1))
+
+
+def _layer(sample: Sample, first: int, last: int) -> Iterator[Floats]:
+    """Yield solid, bulk and area of the voxels of some planes across x."""
+    grid, (fills, bulks) = sample.grid, _fractions(sample.census)
+    solid = fills[grid.fill[first:last]]
+    bulk = np.ones(solid.shape) if grid.bulk is None else bulks[grid.bulk[first:last]]
+    yield np.minimum(solid, bulk)
+    yield bulk
+    yield _areas(grid, first, last)
+
+
+def _areas(grid: VoxelGrid, first: int, last: int) -> Floats:
+    """Return the area that each voxel's window has, over the voxel's volume, by crofton.
+
+    Where there is no voxel before the first one it is mirrored: its window is as good as the next.
+    """
+    frame = grid.frame
+    rule = crofton(frame.spacing)
+    table = 2 * (rule.weights / rule.lengths) @ CROSSINGS
+    below = [
+        np.array([*([n - 1] if wraps else [min(1, n - 1)]), *range(n)])
+        for n, wraps in zip(frame.shape, frame.periodic, strict=True)
+    ]
+    solid = grid.fill[below[0][first : last + 1]] >= 128
+    solid = solid[:, below[1]][:, :, below[2]]
+    windows = np.zeros(tuple(n - 1 for n in solid.shape), np.uint8)
+    for bit in range(8):
+        x, y, z = bit >> 2, bit >> 1 & 1, bit & 1
+        nx, ny, nz = windows.shape
+        windows |= solid[x : x + nx, y : y + ny, z : z + nz].view(np.uint8) << np.uint8(bit)
+    return np.asarray(table[windows])
+
+
+def _boxes(cells: Cells, j: int) -> tuple[float, ...] | None:
+    """Return edge, porosity and its spread, and specific surface and its, of boxes of j³ cells."""
+    solid, bulk, area, voxels = (_joined(given, j) for given in cells[2:])
+    whole = bulk >= voxels * (1 - 1e-9)
+    values = 1 - solid[whole] / voxels[whole], area[whole] / voxels[whole]
+    if len(values[0]) < BOXES:
+        return None
+    told = (part for value in values for part in (value.mean(), value.std(ddof=1)))
+    return (j * cells.edge, *map(float, told))
+
+
+def _joined(cells: Floats, j: int) -> Floats:
+    """Return sums of j by j by j cells; what is left over at the ends is left out."""
+    for axis in range(3):
+        n = cells.shape[axis] // j
+        kept = np.moveaxis(cells, axis, 0)[: n * j]
+        cells = np.moveaxis(kept.reshape(n, j, *kept.shape[1:]).sum(axis=1), 0, axis)
+    return cells
+
+
+def material(sample: Sample, correlation: float) -> Measures:
+    """Return porosity and specific surface of what a grid is a sample of, block by block.
+
+    Parameters
+    ----------
+    sample
+        A grid that was cut out of something larger.
+    correlation
+        The correlation length.
+
+    Returns
+    -------
+    Measures
+        material_porosity and material_specific_surface: those of the sample, and their standard
+        errors by ``over_blocks``. There are 8, 27 or 64 blocks, as many as are ``APART``
+        correlation lengths long; where 8 are not, nobody knows the error. None of a grid with a
+        bulk or of fewer than 4 voxels along an edge.
+    """
+    grid, frame = sample.grid, sample.frame
+    if grid.bulk is not None or min(frame.shape) < 4:
+        return Measures()
+    reach = APART * correlation
+    fits = [k for k in (2, 3, 4) if k <= min(frame.shape) // 2]
+    blocks = max((k for k in fits if min(frame.box.lengths) / k >= reach), default=0)
+
+    def row(name: str, take: Callable[[VoxelGrid], float], unit: str) -> Measure:
+        error = math.inf
+        if blocks:
+            error = float(over_blocks(lambda part: [take(part)], grid, blocks=blocks).error[0])
+        return Measure(name, take(grid), unit, "blocks", error, "standard", "grid")
+
+    def surface(part: VoxelGrid) -> float:
+        return interface_area(part).value / part.frame.box.volume
+
+    return Measures(
+        (
+            row("material_porosity", lambda part: porosity(part).value, "1"),
+            row("material_specific_surface", surface, f"1/{frame.unit}"),
+        )
+    )
