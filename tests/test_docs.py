@@ -20,6 +20,8 @@ from porous.values.measure import ORDER
 PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encoding="utf-8")
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
 NOT_MEASURES |= {"Family", "Findings", "Sample", "Survey", "families", "survey"}
+NOT_MEASURES |= {"MercuryIntrusion", "mercury_intrusion", "percolation_diameters"}
+NOT_MEASURES |= {"cupped_volume", "islands", "overhangs"}
 NOT_MEASURES |= {
     "ChordLengths",
     "Chords",
@@ -91,6 +93,10 @@ def taken():
     cut_out = known.Survey(beyond="unknown")
     for body in (grid, VoxelGrid.of_solid(ball, frame)):
         rows += known.survey(body, how=cut_out, only=["sizes", "statistics"]).measures
+    how = known.Survey(probe=0.4, smallest_wall=0.4, smallest_gap=0.4)
+    rows += known.survey(grid, model=model, how=how, only=["printability"]).measures
+    rows += [known.trapped_volume(grid)]
+    rows += known.survey(grid, how=known.Survey(probe=0.4), only=["access"]).measures
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]
     return rows
 

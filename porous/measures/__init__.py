@@ -19,6 +19,13 @@ from porous.measures._correlation import TwoPoint, correlation_length, two_point
 from porous.measures._fold import Journal, fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
 from porous.measures._intercept import Intercepts, fabric, intercepts
+from porous.measures._intrusion import (
+    MercuryIntrusion,
+    accessible_porosity,
+    mercury_intrusion,
+    percolation_diameters,
+)
+from porous.measures._islands import islands
 from porous.measures._measure import COUNTED, measure
 from porous.measures._mesh import (
     largest_aspect_ratio,
@@ -34,6 +41,7 @@ from porous.measures._model import (
     smallest_feature,
     smallest_pore,
 )
+from porous.measures._overhangs import overhangs
 from porous.measures._pores import (
     closed_porosity,
     open_porosity,
@@ -42,6 +50,7 @@ from porous.measures._pores import (
     through_porosity_z,
 )
 from porous.measures._porosity import porosity, relative_density
+from porous.measures._printability import narrow_gap_share, thin_wall_share
 from porous.measures._roughness import (
     HeightMap,
     Variogram,
@@ -68,6 +77,7 @@ from porous.measures._topology import (
     genus,
     genus_26,
 )
+from porous.measures._trapped import cupped_volume, trapped_volume
 from porous.measures._volume import volume
 
 __all__ = [
@@ -82,11 +92,13 @@ __all__ = [
     "Journal",
     "LinealPath",
     "LocalThickness",
+    "MercuryIntrusion",
     "OverBlocks",
     "Sample",
     "Survey",
     "TwoPoint",
     "Variogram",
+    "accessible_porosity",
     "affinity_dimension",
     "box_counts",
     "box_dimension",
@@ -98,6 +110,7 @@ __all__ = [
     "components_26",
     "correlation_curves",
     "correlation_length",
+    "cupped_volume",
     "euler_number",
     "euler_number_26",
     "fabric",
@@ -110,13 +123,18 @@ __all__ = [
     "height_map",
     "intercepts",
     "interface_area",
+    "islands",
     "largest_aspect_ratio",
     "largest_dihedral_angle",
     "largest_edge_ratio",
     "local_thickness",
     "measure",
+    "mercury_intrusion",
+    "narrow_gap_share",
     "open_porosity",
     "over_blocks",
+    "overhangs",
+    "percolation_diameters",
     "pore_chord_mean",
     "porosity",
     "relative_density",
@@ -133,10 +151,12 @@ __all__ = [
     "surface_area",
     "survey",
     "thicknesses",
+    "thin_wall_share",
     "through_porosity_x",
     "through_porosity_y",
     "through_porosity_z",
     "tiles_of",
+    "trapped_volume",
     "two_point",
     "variogram",
     "volume",
