@@ -68,7 +68,7 @@ if TYPE_CHECKING:
         VoxelGrid,
     )
     from porous.view import show
-    from porous.workspace import make, make_stored, resume, solve
+    from porous.workspace import compare, make, make_stored, resume, solve
 
 _HOMES = {
     "adapters": ("to_porespy", "to_pyvista", "to_skfem", "to_taufactor", "to_trimesh"),
@@ -134,7 +134,7 @@ _HOMES = {
         "VoxelGrid",
     ),
     "view": ("show",),
-    "workspace": ("make", "make_stored", "resume", "solve"),
+    "workspace": ("compare", "make", "make_stored", "resume", "solve"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -174,6 +174,7 @@ __all__ = [
     "build",
     "cifs",
     "clean",
+    "compare",
     "exact_surface",
     "extract_surface",
     "hexahedralize",

@@ -287,6 +287,20 @@ def measure(
 
 
 @app.command
+def compare(
+    folders: Annotated[
+        list[Path], Parameter(help="Folders that porous make or porous measure -o has filled.")
+    ],
+    *,
+    out: Annotated[Path, Parameter(name=["--out", "-o"], help="The HTML file to write.")],
+) -> None:
+    """Put materials side by side on one page; all are held against the first."""
+    from porous import workspace
+
+    workspace.compare(folders, out)
+
+
+@app.command
 def convert(
     source: Annotated[Path, Parameter(help="A file of any format that is read.")],
     target: Annotated[Path, Parameter(help="The file to write; its suffix says the format.")],

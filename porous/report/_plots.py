@@ -222,7 +222,13 @@ def _layout(first: Curve) -> dict[str, Any]:
         "paper_bgcolor": "#fff",
         "plot_bgcolor": "#fff",
         "showlegend": True,
-        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0},
+        "legend": {
+            "traceorder": "normal",
+            "orientation": "h",
+            "y": 1.02,
+            "yanchor": "bottom",
+            "x": 0,
+        },
         "xaxis": {"title": {"text": plain(x)}, "type": kinds["x"], **AXIS},
         "yaxis": {"title": {"text": plain(y)}, "type": kinds["y"], **AXIS},
     }

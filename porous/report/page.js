@@ -48,10 +48,19 @@
     return new Response(stream).text();
   };
 
+  // Named one by one: plotly's own choice has a button that sends data to its makers.
+  const BUTTONS = [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]];
+  const HOW = { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: BUTTONS };
+
   const draw = async (place, figure) => {
+    const still = place.closest("figure").querySelector(".still");
     place.hidden = false;
-    place.parentNode.querySelector(".still").hidden = true;
-    await Plotly.newPlot(place, figure.data, figure.layout, { responsive: true, displaylogo: false });
+    await Plotly.newPlot(place, figure.data, figure.layout, HOW);
+    const [first, ...others] = place.querySelectorAll(".main-svg");
+    first.setAttribute("role", "img");
+    first.setAttribute("aria-label", still.getAttribute("aria-label"));
+    for (const other of others) other.setAttribute("aria-hidden", "true");
+    still.hidden = true;
     const save = document.createElement("button");
     save.type = "button";
     save.textContent = "Save the plot as SVG";

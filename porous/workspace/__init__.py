@@ -1,5 +1,6 @@
 """A recipe into a folder of files, and the decks there into what they come to."""
 
+from porous.workspace._compare import compare
 from porous.workspace._folder import rendered
 from porous.workspace._make import (
     DECK,
@@ -24,6 +25,7 @@ __all__ = [
     "LOG",
     "UNFINISHED",
     "Solved",
+    "compare",
     "examined",
     "is_recipe",
     "is_whole",
