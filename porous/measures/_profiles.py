@@ -9,16 +9,18 @@ import numpy as np
 
 from porous.kernels.windows import CROSSINGS
 from porous.measures._blocks import over_blocks
-from porous.measures._porosity import porosity, solid_fractions
-from porous.measures._surface_area import crofton, interface_area
+from porous.measures._census import Census
+from porous.measures._porosity import GRID as POROSITIES
+from porous.measures._porosity import solid_fractions
+from porous.measures._surface_area import GRID as AREAS
+from porous.measures._surface_area import crofton
 from porous.values import Curve, Measure, Measures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from porous.measures._census import Census
     from porous.measures._sample import Sample
     from porous.values import Frame, VoxelGrid
 
@@ -249,7 +251,7 @@ def _joined(cells: Floats, j: int) -> Floats:
     return cells
 
 
-def material(sample: Sample, correlation: float) -> Measures:
+def material(sample: Sample, correlation: float, most: int) -> Measures:
     """Return porosity and specific surface of what a grid is a sample of, block by block.
 
     Parameters
@@ -258,6 +260,8 @@ def material(sample: Sample, correlation: float) -> Measures:
         A grid that was cut out of something larger.
     correlation
         The correlation length.
+    most
+        Voxels at most that blocks are looked at on; coarser ones where the grid has more.
 
     Returns
     -------
@@ -267,25 +271,27 @@ def material(sample: Sample, correlation: float) -> Measures:
         correlation lengths long; where 8 are not, nobody knows the error. None of a grid with a
         bulk or of fewer than 4 voxels along an edge.
     """
-    grid, frame = sample.grid, sample.frame
-    if grid.bulk is not None or min(frame.shape) < 4:
+    grid, frame, less = sample.grid, sample.frame, sample.within(most)
+    if grid.bulk is not None or min(less.frame.shape) < 4:
         return Measures()
-    reach = APART * correlation
-    fits = [k for k in (2, 3, 4) if k <= min(frame.shape) // 2]
-    blocks = max((k for k in fits if min(frame.box.lengths) / k >= reach), default=0)
-
-    def row(name: str, take: Callable[[VoxelGrid], float], unit: str) -> Measure:
-        error = math.inf
-        if blocks:
-            error = float(over_blocks(lambda part: [take(part)], grid, blocks=blocks).error[0])
-        return Measure(name, take(grid), unit, "blocks", error, "standard", "grid")
-
-    def surface(part: VoxelGrid) -> float:
-        return interface_area(part).value / part.frame.box.volume
-
+    fits = (k for k in (4, 3, 2) if min(less.frame.shape) >= 2 * k)
+    long_enough = (k for k in fits if min(frame.box.lengths) / k >= APART * correlation)
+    blocks, errors = next(long_enough, 0), [math.inf, math.inf]
+    if blocks:
+        errors = over_blocks(_amounts, less.grid, blocks=blocks).error.tolist()
+    names = {"material_porosity": "1", "material_specific_surface": f"1/{frame.unit}"}
     return Measures(
-        (
-            row("material_porosity", lambda part: porosity(part).value, "1"),
-            row("material_specific_surface", surface, f"1/{frame.unit}"),
+        tuple(
+            Measure(name, value, unit, "blocks", error, "standard", "grid")
+            for (name, unit), value, error in zip(
+                names.items(), _amounts(sample.census), errors, strict=True
+            )
         )
     )
+
+
+def _amounts(grid: VoxelGrid | Census) -> list[float]:
+    """Return the porosity of a box, and its area between solid and void by volume."""
+    census = Census.of(grid)
+    area = AREAS["interface_area", "crofton"](census).value
+    return [POROSITIES["porosity", "voxel fill"](census).value, area / census.frame.box.volume]

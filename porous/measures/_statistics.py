@@ -204,7 +204,7 @@ def _pairs(sample: Sample, lines: Intercepts | None) -> Findings:
     notes = () if less is sample else (_noted("Pairs of points and boxes", less),)
     rows = Measures((row,))
     if sample.how.beyond == "unknown":
-        rows += material(sample, row.value)
+        rows += material(sample, row.value, MOST)
     surface = None if lines is None else 2 * lines.mean[0]
     return Findings(rows, correlation_curves(found, surface), notes)
 
