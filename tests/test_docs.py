@@ -41,6 +41,7 @@ NOT_MEASURES |= {
     "size_curves",
     "sizes",
     "height_map",
+    "line_probes",
     "local_thickness",
     "over_blocks",
     "roughness",
@@ -83,6 +84,7 @@ def taken():
     bumpy = Rough(Box((0, 0, 0), (6, 7, 3)), (Skin("ZMAX", 2.2, 0.1, bumps=1),), "cm")
     rows += [*measure(bumpy), *measure(voxelize(bumpy, voxels=48), model=bumpy)]
     rows += [finest_printable_level(model, feature=0.1)]
+    rows += known.line_probes(model, lines=50)
     rows += [known.pore_chord_mean(grid), known.wall_chord_mean(grid)]
     for phase in ("pore", "solid"):
         rows += [*known.thicknesses(known.local_thickness(grid, phase=phase))]

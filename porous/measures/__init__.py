@@ -51,6 +51,7 @@ from porous.measures._pores import (
 )
 from porous.measures._porosity import porosity, relative_density
 from porous.measures._printability import narrow_gap_share, thin_wall_share
+from porous.measures._probes import line_probes
 from porous.measures._roughness import (
     HeightMap,
     Variogram,
@@ -127,6 +128,7 @@ __all__ = [
     "largest_aspect_ratio",
     "largest_dihedral_angle",
     "largest_edge_ratio",
+    "line_probes",
     "local_thickness",
     "measure",
     "mercury_intrusion",

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.models.inside import Union
+    from porous.models.lines import LineBody
     from porous.values import Frame, Measure, Pattern, SurfaceMesh, VolumeMesh
 
     Floats = NDArray[np.float64]
@@ -110,6 +111,12 @@ class CellBody(CellSystem):
         from porous.models.inside import tetrahedra
 
         return tetrahedra(self.solid.tets)
+
+    def line_body(self) -> LineBody | None:
+        """Return the cells for lines; see ``models.lines``."""
+        from porous.models.lines import lines_of
+
+        return lines_of([self.solid])
 
     def cover(self, frame: Frame) -> tuple[NDArray[np.uint64], float]:
         """Return marks of every voxel that a cell touches, and a Hausdorff bound."""

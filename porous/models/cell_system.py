@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from porous.models.brep import BRep
     from porous.models.digits import DigitSet
+    from porous.models.lines import LineBody
     from porous.models.pieces import Pieces
     from porous.models.solve import Solution
     from porous.values import Frame, Pattern, SurfaceMesh
@@ -209,6 +210,12 @@ class CellSystem(Value):
     def sample_bulk(self, frame: Frame, pattern: Pattern) -> NDArray[np.uint64]:
         """Return the masks of the body that porosity refers to."""
         return self._bulk_pieces.sample(frame, pattern)
+
+    def bulk_line_body(self) -> LineBody | None:
+        """Return the body that porosity refers to for lines; see ``models.lines``."""
+        from porous.models.lines import lines_of
+
+        return lines_of([self._bulk_pieces])
 
     @cached_property
     def _bulk_pieces(self) -> Pieces:

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from porous.models.ifs import IFS
+    from porous.models.lines import LineBody
     from porous.models.primitive import Primitive
     from porous.values import BeamLattice, Frame, Measure, Pattern, SurfaceMesh
 
@@ -255,6 +256,12 @@ class CIFS(Value):
                 "is terminal"
             )
         return self.plain.boundary()
+
+    def line_body(self) -> LineBody | None:
+        """Return the body for lines, None for an attractor; see ``models.lines``."""
+        from porous.models.lines import lines_of
+
+        return None if self.level == "limit" else lines_of(self.body.parts)
 
     def beam_lattice(self) -> tuple[BeamLattice, str]:
         """Return the beams and balls that are drawn, and what else there is, in words.

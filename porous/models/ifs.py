@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from porous.models.lines import LineBody
     from porous.models.pieces import Pieces
     from porous.values import Box, Frame, Measure, Pattern, SurfaceMesh
 
@@ -243,6 +244,15 @@ class IFS(Value):
             assert isinstance(self.level, int)
             return inside.DigitCells(self.plain_digits, self.level, self.primitive.box).contains
         return inside.Images(self.primitive, self.frames(), self.balls).contains
+
+    def line_body(self) -> LineBody | None:
+        """Return the body for lines, None for an attractor; see ``models.lines``."""
+        from porous.models.lines import DigitLines, lines_of
+
+        if self.plain_digits is None:
+            return None if self.level == "limit" else lines_of([self.pieces])
+        assert isinstance(self.level, int)
+        return DigitLines(self.plain_digits, self.level, self.primitive.box)
 
     def fill(
         self,

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from porous.models.lines import LineBody
     from porous.values import BeamLattice, Box, Frame, Measure, Pattern, SurfaceMesh, VolumeMesh
 
 
@@ -138,6 +139,14 @@ class HasMembership(Protocol):
 
         Raises ``ModelError`` as ``check_membership`` does.
         """
+
+
+@runtime_checkable
+class HasLines(Protocol):
+    """A model that may know where a straight line is inside it."""
+
+    def line_body(self) -> LineBody | None:
+        """Return the body for lines, None where it is known by its voxels alone."""
 
 
 @runtime_checkable

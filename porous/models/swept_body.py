@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.models.brep import BRep
+    from porous.models.lines import LineBody
     from porous.values import BeamLattice, Frame, Pattern
 
     Floats = NDArray[np.float64]
@@ -103,6 +104,12 @@ class SweptBody(CellSystem):
             return solid
         skin = cell_boundary(self.nodes, unit=self.unit)
         return solid.grown(self.offset, skin=skin.corners)
+
+    def line_body(self) -> LineBody | None:
+        """Return the body for lines; see ``models.lines``."""
+        from porous.models.lines import lines_of
+
+        return lines_of([self.body])
 
     def beam_lattice(self) -> tuple[BeamLattice, str]:
         """Return the beams and balls along the cells, and what else there is, in words.

@@ -126,6 +126,7 @@ ORDER = (
     "exact boundary",
     "cells",
     "voxel fill",
+    "line probes",
     "crofton",
     "triangles",
     "tetrahedra",
