@@ -207,7 +207,7 @@ def test_a_table_has_as_many_cells_in_each_row(body):
 
 
 def test_colours_can_be_read():
-    style = _page._text("style.css")
+    style = _page.text_of("style.css")
     inks = set(re.findall(r"(?<![-\w])color: (#[0-9a-f]{3,6})\b", style))
     papers = set(re.findall(r"background: (#[0-9a-f]{3,6})\b", style))
     assert "#fff" in papers

@@ -47,7 +47,7 @@ def page(
         What the template asks for besides; every text is escaped.
     """
     drawn = tuple(plots)
-    own = _text("page.js")
+    own = text_of("page.js")
     known = [_hash(text) for text in (own, *scripts)]
     if drawn:
         known.append(_hash(_plotly()))
@@ -59,10 +59,15 @@ def page(
         plotly=_packed() if drawn else "",
         policy=Markup(POLICY.format(scripts=" ".join(known))),  # noqa: S704  (hashes alone)
         script=Markup(own),  # noqa: S704  (a file of the package)
-        style=Markup(_text("style.css")),  # noqa: S704  (a file of the package)
+        style=Markup(text_of("style.css")),  # noqa: S704  (a file of the package)
         version=version("porous"),
         FEW=FEW,
     )
+
+
+def fragment(template: str, **given: Any) -> Markup:
+    """Return a piece of a page; every text is escaped."""
+    return Markup(_environment().get_template(template).render(**given))  # noqa: S704  (by jinja)
 
 
 def embedded(value: Any) -> Markup:
@@ -79,19 +84,15 @@ def markdown(text: str) -> Markup:
     return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", plain))  # noqa: S704  (escaped above)
 
 
-def scripts_in(fragment: str) -> tuple[str, ...]:
-    """Return the scripts that run of a piece of a page that porous itself has made."""
-    return tuple(re.findall(r"<script>(.*?)</script>", fragment, re.S))
-
-
 def _hash(script: str) -> str:
     digest = hashlib.sha256(script.encode("utf-8")).digest()
     return f"'sha256-{base64.b64encode(digest).decode()}'"
 
 
 @cache
-def _text(name: str) -> str:
-    return resources.files("porous.report").joinpath(name).read_text(encoding="utf-8")
+def text_of(name: str) -> str:
+    """Return a file of the package's page as it stands."""
+    return resources.files("porous.report").joinpath(name).readtext_of(encoding="utf-8")
 
 
 @cache
@@ -116,7 +117,7 @@ def _environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        loader=FunctionLoader(_text),
+        loader=FunctionLoader(text_of),
     )
     made.filters["markdown"] = markdown
     made.globals |= {"anchor": anchor, "method_anchor": method_anchor, "sortable": sortable}
