@@ -92,7 +92,7 @@ def _hash(script: str) -> str:
 @cache
 def text_of(name: str) -> str:
     """Return a file of the package's page as it stands."""
-    return resources.files("porous.report").joinpath(name).readtext_of(encoding="utf-8")
+    return resources.files("porous.report").joinpath(name).read_text(encoding="utf-8")
 
 
 @cache
