@@ -42,7 +42,10 @@ PLANES = 32
 """Planes of voxels that one kernel call paints."""
 
 LINES = 8
-"""Lines along z that a stencil is laid over at a time."""
+"""Lines along z, or planes of them, that a stencil is laid over at a time."""
+
+MARGIN = LINES + 1
+"""Lines of a stencil that are empty, on either side."""
 
 WORD = 64
 """Voxels along z that a word of bits tells of."""
@@ -53,7 +56,7 @@ CLASSES = 1 << 20
 SLACK = 1e-9
 """Part of a squared radius by which balls are drawn in, so that rounding joins no voxel to them."""
 
-FREE = 127
+FREE = (1 << 15) - 1
 """As a limit: none."""
 
 NEAR = 2
@@ -66,12 +69,12 @@ STEEP = 0.5
 class _Balls(NamedTuple):
     """Balls by falling radius, and in the order of their centres' voxels where radii agree.
 
-    ``limits`` (n, 4) are the least and largest steps along x, and along y, at which a ball holds
-    voxels that none before it does; ``starts[m]`` is the first ball with the square ``squares[m]``.
+    ``table`` (n, 7) is the centre's voxel and the least and largest steps along x, and along y, at
+    which a ball may hold voxels that none before it does; ``starts[m]`` is the first ball with the
+    square ``squares[m]``.
     """
 
-    places: Integers
-    limits: NDArray[np.int8]
+    table: Integers
     starts: Integers
     squares: Floats
 
@@ -140,24 +143,24 @@ def _balls(given: Numbers, weights: Floats, wraps: Integers) -> _Balls:
     half = 0.5 if _whole(given) else 0.0
     _reaches(weights, width, half, needs)
     scale = (half, 1 / max(width, 1e-300))
-    found: dict[int, tuple[Integers, NDArray[np.int8]]] = {}
+    found: dict[int, tuple[Integers, Numbers]] = {}
+    dtype = np.int16 if max(given.shape) < 1 << 15 else np.int32
 
     def prune(a: int, b: int) -> None:
         room = (b - a) * given[0].size
-        places, limits = np.empty(room, np.int64), np.empty((room, 4), np.int8)
-        count = _prune(given, needs, scale, weights, wraps, places, limits, a, b)
-        found[a] = places[:count].copy(), limits[:count].copy()
+        table, radii = np.empty((room, 7), dtype), np.empty(room, given.dtype)
+        count = _prune(given, needs, scale, weights, wraps, table, radii, a, b)
+        found[a] = table[:count].copy(), radii[:count].copy()
 
     slabs(given.shape[0], _planes(given.shape), prune)
-    places = np.concatenate([found[a][0] for a in sorted(found)])
-    limits = np.concatenate([found[a][1] for a in sorted(found)])
-    radii = given.reshape(-1)[places]
+    table, radii = (
+        np.concatenate(each) for each in zip(*(found[a] for a in sorted(found)), strict=True)
+    )
     order = _falling(radii, largest)
     radii = radii[order]
     starts = np.concatenate([[0], np.flatnonzero(np.diff(radii)) + 1, [len(radii)]])
     return _Balls(
-        source(places[order], np.int64),
-        source(limits[order], np.int8),
+        source(table[order], dtype),
         source(starts, np.int64),
         source(radii[starts[:-1]], np.float64),
     )
@@ -207,7 +210,7 @@ def _reaches(weights, width, half, needs):
 
 
 @kernel
-def _prune(squares, needs, scale, weights, wraps, places, limits, first, last):
+def _prune(squares, needs, scale, weights, wraps, table, radii, first, last):
     # Write down the balls of some planes that no neighbour's ball holds; return their number.
     ny, nz = squares.shape[1:]
     size, line = (ny + 2) * (nz + 2), nz + 2
@@ -246,9 +249,10 @@ def _prune(squares, needs, scale, weights, wraps, places, limits, first, last):
                     if side % 2:
                         some &= -bounds[side - 1] <= bounds[side]
                 if some:
-                    places[count] = ((i - 1) * ny + j) * nz + k
+                    radii[count] = radius
+                    table[count, 0], table[count, 1], table[count, 2] = i - 1, j, k
                     for side in range(4):
-                        limits[count, side] = bounds[side] if side % 2 else -bounds[side]
+                        table[count, 3 + side] = bounds[side] if side % 2 else -bounds[side]
                     count += 1
     return count
 
@@ -319,49 +323,61 @@ def _neighbours(around, rows, line, most):
 
 
 @kernel
-def _paint(squares, places, limits, starts, values, inner, weights, wraps, out, first, last):
+def _paint(squares, table, starts, values, inner, weights, wraps, out, first, last):
     shape = squares.shape
-    plane = shape[1] * shape[2]
+    across = (weights[1], weights[0], weights[2])
     reach = _reach(inner[0], weights)
     words = _words(reach)
+    # Lines of words: those of the grid, and those that a ball may reach beyond them.
     lines = -(-shape[2] // WORD) + 2 * words + 1
-    free = np.zeros((last - first) * lines * shape[1] + LINES, np.uint64)
-    left = _free(squares, free, lines, words, first, last)
-    stencil = np.zeros((reach[0] + 1) * words * (2 * reach[1] + 1 + LINES), np.uint64)
-    heights = np.zeros(reach[0] + 1, np.int64)
+    beams = -(-shape[1] // LINES)
+    free = np.zeros((last - first) * lines * beams * LINES, np.uint64)
+    some = np.zeros(beams * lines * (last - first) + LINES, np.uint64)
+    left = _free(squares, free, some, (lines, beams, words), first, last)
+    stencil = np.zeros((reach[0] + 1) * words * (2 * reach[1] + 1 + 2 * MARGIN), np.uint64)
+    profile = np.zeros((reach[1] + 1) * words * (2 * reach[0] + 1 + 2 * MARGIN), np.uint64)
+    highs, wides = np.zeros(reach[0] + 1, np.int64), np.zeros(reach[1] + 1, np.int64)
     flat = out.reshape(-1)
+    sizes = (first, last, lines, beams, words)
     for n in range(len(values)):
         if left == 0:
             break
         reach = _reach(inner[n], weights)
         a, b = starts[n], starts[n + 1]
         if not wraps[0]:
-            low = a + np.searchsorted(places[a:b], max(0, first - reach[0]) * plane)
-            b = a + np.searchsorted(places[a:b], min(shape[0], last + reach[0]) * plane)
-            a = low
+            a = _first(table, a, starts[n + 1], first - reach[0])
+            b = _first(table, a, starts[n + 1], last + reach[0])
         if a == b:
             continue
-        _draw(inner[n], weights, reach, stencil, heights)
-        for c in range(a, b):
-            x, y, z = places[c] // plane, places[c] // shape[2] % shape[1], places[c] % shape[2]
-            x0, x1 = _images(x, reach[0], shape[0], wraps[0])
-            y0, y1 = _images(y, reach[1], shape[1], wraps[1])
-            z0, z1 = _images(z, reach[2], shape[2], wraps[2])
-            x_low, x_high = _limited(limits[c, 0], limits[c, 1], reach[0])
-            y_low, y_high = _limited(limits[c, 2], limits[c, 3], reach[1])
-            for i in range(x0, x1, shape[0]):
-                planes = max(x_low, first - i), min(x_high, last - 1 - i)
-                for j in range(y0, y1, shape[1]):
-                    rows = max(y_low, -j), min(y_high, shape[1] - 1 - j)
-                    for k in range(z0, z1, shape[2]):
-                        start = ((i - first) * lines + words) * shape[1] + j
-                        left -= _lay(
-                            (start, lines * shape[1], shape[1], k),
-                            (planes, rows, reach),
-                            ((i * shape[1] + j) * shape[2], plane, shape[2]),
-                            out.dtype.type(values[n]),
-                            (free, stencil, heights, flat),
-                        )
+        _draw(inner[n], weights, reach, stencil, highs)
+        _draw(inner[n], across, (reach[1], reach[0], reach[2]), profile, wides)
+        left -= _lay(
+            table[a:b],
+            shape,
+            wraps,
+            sizes,
+            reach,
+            out.dtype.type(values[n]),
+            free,
+            some,
+            stencil,
+            profile,
+            highs,
+            wides,
+            flat,
+        )
+
+
+@kernel
+def _first(table, a, b, x):
+    # The first of some balls, by rising x, whose centre is not before x.
+    while a < b:
+        half = (a + b) // 2
+        if table[half, 0] < x:
+            a = half + 1
+        else:
+            b = half
+    return a
 
 
 @kernel
@@ -373,7 +389,7 @@ def _reach(most, weights):
 
 @kernel
 def _words(reach):
-    # How many words hold a ball's longest line; its centre is their last bit but a half of all.
+    # How many words hold a ball's longest line.
     return (2 * reach[2] + WORD) // WORD
 
 
@@ -387,15 +403,10 @@ def _images(at, reach, n, wraps):
 
 
 @kernel
-def _limited(low, high, reach):
-    # Limits of a ball as steps from its centre.
-    low = -reach if low == -FREE else max(np.int64(low), -reach)
-    return low, reach if high == FREE else min(np.int64(high), reach)
-
-
-@kernel
-def _free(squares, free, lines, words, first, last):
-    # Set the bits of all voxels of the mask; return their number.
+def _free(squares, free, some, sizes, first, last):
+    # Set the bits of all voxels of the mask, and of what eight lines have together; return their
+    # number. Lines side by side along y follow each other in ``free``, planes in ``some``.
+    lines, beams, words = sizes
     _, ny, nz = squares.shape
     count = 0
     for i in range(first, last):
@@ -406,76 +417,125 @@ def _free(squares, free, lines, words, first, last):
                     one = np.uint64(squares[i, j, start + k] != 0)
                     bits |= one << np.uint64(k)
                     count += np.int64(one)
-                free[((i - first) * lines + words + start // WORD) * ny + j] = bits
+                line = words + start // WORD
+                free[((i - first) * lines + line) * beams * LINES + j] = bits
+                some[(j // LINES * lines + line) * (last - first) + i - first] |= bits
     return count
 
 
 @kernel
-def _draw(most, weights, reach, stencil, heights):
-    # The lines of a ball as bits, by plane, word and line, and how many lines it has in each plane
-    # to either side. Lines beyond the last are empty, so that they can be laid over, too.
-    words, row = _words(reach), 2 * reach[1] + 1 + LINES
+def _draw(most, weights, reach, stencil, extents):
+    # The lines of a ball as bits, by step along the first axis, word, and step along the second,
+    # and how many lines it has there to either side. Lines beyond the last are empty.
+    words, row = _words(reach), 2 * reach[1] + 1 + 2 * MARGIN
     every, centre = ~np.uint64(0), words * WORD // 2 - 1
     for i in range(reach[0] + 1):
         plane = max(0.0, most - weights[0] * i * i)
-        high = np.int64(np.sqrt(plane / weights[1]))
-        heights[i] = high
+        extents[i] = np.int64(np.sqrt(plane / weights[1]))
         for w in range(words):
-            at = (i * words + w) * row
-            for j in range(high + 1):
+            middle = (i * words + w) * row + MARGIN + extents[i]
+            for j in range(extents[i] + 1):
                 deep = np.int64(np.sqrt(max(0.0, plane - weights[1] * j * j) / weights[2]))
                 low, top = max(0, centre - deep - w * WORD), min(WORD - 1, centre + deep - w * WORD)
                 bits = np.uint64(0)
                 if low <= top:
                     bits = (every >> np.uint64(WORD - 1 - top)) & (every << np.uint64(low))
-                stencil[at + high + j] = bits
-                stencil[at + high - j] = bits
-            for j in range(2 * high + 1, 2 * high + 1 + LINES):
-                stencil[at + j] = 0
+                stencil[middle + j] = bits
+                stencil[middle - j] = bits
+            for j in range(extents[i] + 1, extents[i] + 1 + MARGIN):
+                stencil[middle + j] = 0
+                stencil[middle - j] = 0
 
 
 @kernel
-def _lay(place, box, target, value, arrays):
-    # Lay a stencil over the lines of its box; paint what is free under it, and return how much.
-    # A line's bits are those of two words each, for a stencil begins anywhere in a word.
-    start, plane, word, z = place
-    planes, rows, reach = box
-    free, stencil, heights, flat = arrays
+def _lay(table, shape, wraps, sizes, reach, value, free, some, stencil, profile, highs, wides, out):
+    # Paint what is free in balls of one size, and return how much: look at what eight lines of a
+    # plane have together, of eight planes at a time, and then at those lines. A line of a ball
+    # begins anywhere in a word, so there are two of each.
+    first, last, lines, beams, margin = sizes
     words = _words(reach)
-    row = 2 * reach[1] + 1 + LINES
-    bit = z - (words * WORD // 2 - 1)
-    start += (bit >> 6) * word
-    shift, back, one = np.uint64(bit & 63), np.uint64(63 - (bit & 63)), np.uint64(1)
+    row, tall = 2 * reach[0] + 1 + 2 * MARGIN, 2 * reach[1] + 1 + 2 * MARGIN
+    one = np.uint64(1)
     done = 0
-    for i in range(planes[0], planes[1] + 1):
-        high = heights[abs(i)]
-        low, top = max(rows[0], -high), min(rows[1], high)
-        for w in range(words):
-            here = start + i * plane + w * word
-            form = (abs(i) * words + w) * row + high
-            for j in range(low, top + 1, LINES):
-                a, b = np.uint64(here + j), np.uint64(here + j + word)
-                m = np.uint64(form + j)
-                some = np.uint64(0)
-                for c in range(LINES):
-                    k = np.uint64(c)
-                    bits = (free[a + k] >> shift) | ((free[b + k] << one) << back)
-                    some |= bits & stencil[m + k]
-                if some == 0:
-                    continue
-                for c in range(min(LINES, top + 1 - j)):
-                    k = np.uint64(c)
-                    bits = (free[a + k] >> shift) | ((free[b + k] << one) << back)
-                    bits &= stencil[m + k]
-                    if bits == 0:
-                        continue
-                    free[a + k] &= ~(bits << shift)
-                    free[b + k] &= ~((bits >> one) >> back)
-                    to = target[0] + i * target[1] + (j + c) * target[2] + bit + w * WORD
-                    while bits:
-                        flat[np.uint64(to + np.int64(_lowest_bit(bits)))] = value
-                        bits &= bits - one
-                        done += 1
+    for ball in range(len(table)):
+        x0, x1 = _images(np.int64(table[ball, 0]), reach[0], shape[0], wraps[0])
+        y0, y1 = _images(np.int64(table[ball, 1]), reach[1], shape[1], wraps[1])
+        z0, z1 = _images(np.int64(table[ball, 2]), reach[2], shape[2], wraps[2])
+        x_low, x_high = max(-reach[0], table[ball, 3]), min(reach[0], table[ball, 4])
+        y_low, y_high = max(-reach[1], table[ball, 5]), min(reach[1], table[ball, 6])
+        for x in range(x0, x1, shape[0]):
+            for y in range(y0, y1, shape[1]):
+                for z in range(z0, z1, shape[2]):
+                    bit = z - (words * WORD // 2 - 1)
+                    line = margin + (bit >> 6)
+                    shift, back = np.uint64(bit & 63), np.uint64(63 - (bit & 63))
+                    for beam in range(
+                        max(y + y_low, 0) // LINES, min(y + y_high, shape[1] - 1) // LINES + 1
+                    ):
+                        near = beam * LINES - y
+                        near = max(0, near, -near - LINES + 1)
+                        wide = wides[near]
+                        low, top = max(x_low, first - x, -wide), min(x_high, last - 1 - x, wide)
+                        for w in range(words):
+                            here = (beam * lines + line + w) * (last - first) + x - first
+                            form = (near * words + w) * row + MARGIN + wide
+                            for i in range(low, top + 1, LINES):
+                                a, b = np.uint64(here + i), np.uint64(here + i + last - first)
+                                m = np.uint64(form + i)
+                                found = np.uint64(0)
+                                for c in range(LINES):
+                                    k = np.uint64(c)
+                                    bits = (some[a + k] >> shift) | ((some[b + k] << one) << back)
+                                    found |= bits & profile[m + k]
+                                if found == 0:
+                                    continue
+                                for c in range(min(LINES, top + 1 - i)):
+                                    k = np.uint64(c)
+                                    bits = (some[a + k] >> shift) | ((some[b + k] << one) << back)
+                                    if bits & profile[m + k] == 0:
+                                        continue
+                                    step = abs(i + c)
+                                    start = ((x + i + c - first) * lines + line + w) * beams + beam
+                                    p = np.uint64(start * LINES)
+                                    q = np.uint64((start + beams) * LINES)
+                                    lay = np.uint64(
+                                        (step * words + w) * tall
+                                        + MARGIN
+                                        + highs[step]
+                                        + beam * LINES
+                                        - y
+                                    )
+                                    found = np.uint64(0)
+                                    for d in range(LINES):
+                                        e = np.uint64(d)
+                                        bits = (free[p + e] >> shift) | (
+                                            (free[q + e] << one) << back
+                                        )
+                                        found |= bits & stencil[lay + e]
+                                    if found == 0:
+                                        continue
+                                    to = (x + i + c) * shape[1] + beam * LINES
+                                    to = to * shape[2] + bit + w * WORD
+                                    for d in range(LINES):
+                                        e = np.uint64(d)
+                                        bits = (free[p + e] >> shift) | (
+                                            (free[q + e] << one) << back
+                                        )
+                                        bits &= stencil[lay + e]
+                                        if bits == 0:
+                                            continue
+                                        free[p + e] &= ~(bits << shift)
+                                        free[q + e] &= ~((bits >> one) >> back)
+                                        while bits:
+                                            place = to + d * shape[2] + np.int64(_lowest_bit(bits))
+                                            out[np.uint64(place)] = value
+                                            bits &= bits - one
+                                            done += 1
+                                    bits, found = np.uint64(0), np.uint64(0)
+                                    for d in range(LINES):
+                                        bits |= free[p + np.uint64(d)]
+                                        found |= free[q + np.uint64(d)]
+                                    some[a + k], some[b + k] = bits, found
     return done
 
 
