@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import islice
@@ -233,8 +233,7 @@ class IFS(Value):
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Tell which points (n, 3), in ``unit``, lie in the body; see ``models.inside``."""
         self.check_membership()
-        inside: NDArray[np.bool_] = self._inside(points)
-        return inside
+        return self._inside(points)
 
     @cached_property
     def _inside(self) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
@@ -247,12 +246,9 @@ class IFS(Value):
 
     def line_body(self) -> LineBody | None:
         """Return the body for lines, None for an attractor; see ``models.lines``."""
-        from porous.models.lines import DigitLines, lines_of
+        from porous.models.lines import lines_of_images
 
-        if self.plain_digits is None:
-            return None if self.level == "limit" else lines_of([self.pieces])
-        assert isinstance(self.level, int)
-        return DigitLines(self.plain_digits, self.level, self.primitive.box)
+        return lines_of_images(self)
 
     def fill(
         self,
@@ -344,8 +340,8 @@ class IFS(Value):
         run = narrowest_run(self.digits, self.level)
         if run is None:
             return None
-        part = float(Fraction(run, self.digits.divisions**self.level))
-        return max(0.0, part * self.primitive.box.lengths[0] - 2 * self.offset)
+        part = Fraction(run, self.digits.divisions**self.level)
+        return max(0.0, float(part) * self.primitive.box.lengths[0] - 2 * self.offset)
 
     def finest_printable_level(self, feature: float) -> float | None:
         """Return the last level up to which no cell is thinner than ``feature``, in ``unit``.
@@ -609,8 +605,6 @@ def _with_radius(model: IFS, *, grown: bool) -> IFS:
 
     Balls at contacts do not grow it: they depend on the level, which the domain does not.
     """
-    from dataclasses import replace
-
     radius = model.contact_radius
     if model.contacts == "fuse" and not radius:
         radius = FUSED * (model.smallest_feature() or 0.0)
@@ -620,14 +614,12 @@ def _with_radius(model: IFS, *, grown: bool) -> IFS:
 
 def _natural_box(automaton: Automaton, primitive: Primitive) -> Box:
     seeds = Seeds(primitive.points, primitive.radius or 0.0)
-    longest = max(seeds.box.lengths)
-    return orbit_box(automaton, seeds, tolerance=BOX_TOLERANCE * longest)
+    return orbit_box(automaton, seeds, tolerance=BOX_TOLERANCE * max(seeds.box.lengths))
 
 
 def _check_regular(automaton: Automaton) -> None:
-    dets = np.abs(np.linalg.det(automaton.maps[:, :, :3]))
     scale = np.linalg.norm(automaton.maps[:, :, :3], 2, axis=(1, 2)) ** 3
-    flat = np.flatnonzero(dets <= 1e-14 * scale)
+    flat = np.flatnonzero(np.abs(np.linalg.det(automaton.maps[:, :, :3])) <= 1e-14 * scale)
     if len(flat):
         raise ModelError(
             f"maps[{flat[0]}]: got a singular matrix, which flattens the primitive; wanted one "

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from porous.models.digits import DigitSet
     from porous.models.drawing import Part
+    from porous.models.ifs import IFS
     from porous.models.primitive import Primitive
     from porous.values import Box
 
@@ -158,6 +159,16 @@ class DigitLines(Value):
 def _sight(box: Box, bulk: Box) -> Sight:
     outer, inner = (frozen([*some.lower, *some.upper], np.float64) for some in (box, bulk))
     return Sight(outer, inner, TOLERANCE * max(box.lengths))
+
+
+def lines_of_images(model: IFS) -> LineBody | None:
+    """Return the level of an iterated function system for lines, None of a limit."""
+    if model.level == "limit":
+        return None
+    if model.plain_digits is None:
+        return lines_of([model.pieces])
+    assert isinstance(model.level, int)
+    return DigitLines(model.plain_digits, model.level, model.primitive.box)
 
 
 def lines_of(parts: Iterable[Part]) -> UnionLines | None:
