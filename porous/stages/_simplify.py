@@ -128,23 +128,31 @@ def _sought(
 
 def _collapsed(surface: SurfaceMesh, target: int) -> SurfaceMesh | None:
     """Return the surface with about ``target`` triangles, or None where nothing is left."""
-    import fast_simplification
-
-    # Its thresholds are absolute: edges of length one about the origin are what it is tuned for.
-    centre = surface.points.mean(axis=0)
     length = _edge_length(surface)
-    with _ENGINE:
-        points, triangles = fast_simplification.simplify(
-            (surface.points - centre) / length,
-            surface.triangles.astype(np.int32),
-            target_count=target,
-        )[:2]
+    points, triangles = collapsed(surface.points, surface.triangles, target, length)
     if not len(triangles):
         return None
-    points, triangles = centre + length * np.asarray(points), np.asarray(triangles, np.int64)
     if len(points) and _closed(points, triangles):
         points, triangles = without_slivers(points, triangles)
     return altered(surface, points, triangles, _labels(surface, points, triangles, length))
+
+
+def collapsed(
+    points: Floats, triangles: Indices, target: int, length: float
+) -> tuple[Floats, Indices]:
+    """Return about ``target`` triangles, whatever becomes of the topology.
+
+    ``length`` is that of an edge, about: the engine's thresholds are absolute, and edges of length
+    one about the origin are what it is tuned for.
+    """
+    import fast_simplification
+
+    centre = points.mean(axis=0)
+    with _ENGINE:
+        found, left = fast_simplification.simplify(
+            (points - centre) / length, triangles.astype(np.int32), target_count=target
+        )[:2]
+    return centre + length * np.asarray(found), np.asarray(left, np.int64)
 
 
 def _closed(points: Floats, triangles: Indices) -> bool:

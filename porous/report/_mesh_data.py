@@ -1,0 +1,184 @@
+"""A surface with few enough triangles to be turned in a page, and how far off that is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from porous.stages._simplify import collapsed
+from porous.values import SurfaceMesh
+from porous.values.volume_topology import boundary_faces, nodes_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from porous.values import VolumeMesh
+
+    Floats = NDArray[np.float64]
+    Indices = NDArray[np.int64]
+
+MOST = 200_000
+"""Triangles that are shown at most."""
+
+EASY = 3
+"""So many times as many are thinned by collapsing edges alone; more are clustered first."""
+
+PER_SQUARE = 2.5
+"""Triangles per square of a cell's edge that clustering leaves of a smooth surface, about."""
+
+COARSER = 1.2
+"""By how much cells grow where too many triangles are left."""
+
+ASKED = 100_000
+"""Points at which the way from one surface to the other is measured, besides the corners shown."""
+
+STEPS = 65535
+"""Steps of a coordinate along each edge of the box."""
+
+
+class Shown(NamedTuple):
+    """A surface as it is shown: walls first, then caps, the sides where a frame cuts the solid."""
+
+    points: Floats
+    triangles: Indices
+    walls: int
+    """How many of the triangles are walls."""
+    full: int
+    """How many triangles the whole surface has."""
+    away: float = 0.0
+    """The largest distance measured from what is shown to it; 0 where all of it is shown."""
+    missed: float = 0.0
+    """The share of it, by corners, that lies further than that from what is shown."""
+
+
+def boundary_of(mesh: VolumeMesh) -> SurfaceMesh:
+    """Return the faces of one cell only, as triangles."""
+    nodes = nodes_of(mesh, boundary_faces(mesh))
+    four = nodes[nodes[:, 3] >= 0]
+    triangles = np.concatenate([nodes[:, :3], four[:, [0, 2, 3]]])
+    used, flat = np.unique(triangles, return_inverse=True)
+    return SurfaceMesh(mesh.points[used], flat.reshape(-1, 3), mesh.unit)
+
+
+def shown(surface: SurfaceMesh, most: int = MOST) -> Shown:
+    """Return a surface with at most ``most`` triangles.
+
+    One with more loses edges in the order of the error that this costs (Garland & Heckbert 1997);
+    one with far more is first gathered in cells, all corners in a cell becoming their mean
+    (Rossignac & Borrel 1993), rims and caps apart. Neither keeps topology: it is to be looked at.
+
+    How far it is off is measured: from every corner and some middles of triangles that are shown
+    to the nearest point of any triangle of the whole surface. Between these points it may be more.
+    Pieces and holes smaller than a cell may be missing: which share of the whole lies further than
+    that from what is shown is measured at some of its corners.
+    """
+    full, capped = len(surface.triangles), _capped(surface)
+    if full <= most:
+        order = np.argsort(capped, kind="stable")
+        return Shown(surface.points, surface.triangles[order], int((~capped).sum()), full)
+    points, triangles = surface.points, surface.triangles
+    if full > EASY * most:
+        points, triangles = _clustered(surface, capped, EASY * most)
+    planes = list(_planes(surface, capped))
+    points, triangles = collapsed(points, triangles, most, _edge(points, triangles))
+    points, triangles = _used(points, triangles[:most])
+    order, walls = _walls_first(points, triangles, planes)
+    return Shown(points, triangles[order], walls, full, *_deviation(surface, points, triangles))
+
+
+def _capped(surface: SurfaceMesh) -> NDArray[np.bool_]:
+    """Tell which triangles are caps: none where names do not tell them from walls."""
+    assert surface.labels is not None
+    named = np.array([name != "WALL" for name in surface.names])[surface.labels]
+    return np.asarray(named & (not named.all()))
+
+
+def _planes(surface: SurfaceMesh, capped: NDArray[np.bool_]) -> Iterator[tuple[int, float]]:
+    """Yield axis and place of the planes that caps lie in."""
+    assert surface.labels is not None
+    for label in np.unique(surface.labels[capped]):
+        corners = surface.corners[capped & (surface.labels == label)].reshape(-1, 3)
+        axis = int(np.ptp(corners, axis=0).argmin())
+        yield axis, float(corners[:, axis].mean())
+
+
+def _edge(points: Floats, triangles: Indices) -> float:
+    """Return the root of the mean square of edges, of some of them."""
+    some = points[triangles[:: len(triangles) // 20_000 + 1]]
+    return float(np.sqrt(((some - np.roll(some, 1, axis=1)) ** 2).sum(axis=2).mean()))
+
+
+def _area(points: Floats, triangles: Indices) -> float:
+    """Return the area, about: that of some triangles for all."""
+    step = len(triangles) // 200_000 + 1
+    a, b, c = np.moveaxis(points[triangles[::step]], 1, 0)
+    return float(step * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def _clustered(
+    surface: SurfaceMesh, capped: NDArray[np.bool_], most: int
+) -> tuple[Floats, Indices]:
+    marks = np.zeros(len(surface.points), np.int64)
+    assert surface.labels is not None
+    for label in np.unique(surface.labels[capped]).tolist():
+        of_cap = capped & (surface.labels == label)
+        marks[surface.triangles[of_cap].ravel()] |= 1 << min(label, 7)
+    edge = np.sqrt(PER_SQUARE * _area(surface.points, surface.triangles) / most)
+    while True:
+        points, triangles = _gathered(surface, marks, float(edge))
+        if len(triangles) <= COARSER * most:
+            return points, triangles
+        edge *= COARSER
+
+
+def _gathered(surface: SurfaceMesh, marks: Indices, edge: float) -> tuple[Floats, Indices]:
+    """Return a surface whose corners are the means of those in cells of an edge."""
+    low = surface.points.min(axis=0)
+    key = marks
+    for axis in range(3):
+        place = ((surface.points[:, axis] - low[axis]) / edge).astype(np.int64)
+        key = key * (int(place.max()) + 1) + place
+    _, cell = np.unique(key, return_inverse=True)
+    count = np.bincount(cell)
+    columns = [np.bincount(cell, weights=surface.points[:, axis]) / count for axis in range(3)]
+    triangles = cell.astype(np.int32)[surface.triangles]
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    return np.stack(columns, axis=1), _distinct(triangles)
+
+
+def _distinct(triangles: NDArray[np.int32]) -> Indices:
+    """Return each triangle once, its smallest corner first; two that face each other both stay."""
+    first = triangles.argmin(axis=1)
+    turned = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
+    return np.unique(turned, axis=0).astype(np.int64)
+
+
+def _used(points: Floats, triangles: Indices) -> tuple[Floats, Indices]:
+    used, flat = np.unique(triangles, return_inverse=True)
+    return points[used], flat.reshape(-1, 3)
+
+
+def _walls_first(
+    points: Floats, triangles: Indices, planes: list[tuple[int, float]]
+) -> tuple[Indices, int]:
+    """Return an order with the caps last, and how many come before: caps lie in their planes."""
+    capped = np.zeros(len(triangles), bool)
+    near = 0.1 * _edge(points, triangles)
+    for axis, place in planes:
+        capped |= (np.abs(points[:, axis] - place) <= near)[triangles].all(axis=1)
+    return np.argsort(capped, kind="stable"), int((~capped).sum())
+
+
+def _deviation(surface: SurfaceMesh, points: Floats, triangles: Indices) -> tuple[float, float]:
+    """Return how far off what is shown is, and what share of the whole lies further from it."""
+    from porous.kernels.nearest import Nearest
+
+    middles = points[triangles[:: len(triangles) // ASKED + 1]].mean(axis=1)
+    asked = np.concatenate([points, middles])
+    away = Nearest(surface.points, surface.triangles).farthest(asked)
+    some = surface.points[:: len(surface.points) // ASKED + 1]
+    return away, float(Nearest(points, triangles).beyond(some, away).mean())
