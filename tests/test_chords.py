@@ -129,23 +129,6 @@ def overlapping(shape, radius, count, seed):
     return solid, 4 / 3 * math.pi * radius**3 * count / math.prod(shape)
 
 
-@pytest.mark.slow
-def test_the_boolean_model_has_its_mean_chord_in_twenty_samples():
-    radius, shape, means, along = 8.0, (96, 90, 100), [], []
-    for seed in range(20):
-        solid, eta = overlapping(shape, radius, 200, seed)
-        grid = grid_of(solid, periodic=(True, True, True))
-        means.append(pore_chord_mean(grid).value)
-        along.append(np.mean([row.value for row in chords(chord_lengths(grid))]))
-    # 4 φ / S_V of φ = exp(−η) and S_V = 3 η / R · exp(−η), whatever φ came out.
-    exact = 4 * radius / (3 * eta)
-    for found in (means, along):
-        error = np.std(found, ddof=1) / math.sqrt(20)
-        # Creases where balls meet lie between voxels: some chords are missed.
-        assert np.mean(found) == pytest.approx(exact, abs=3 * error + 0.02 * exact)
-        assert 0.005 < error / exact < 0.05
-
-
 def test_four_volumes_by_area_of_a_gyroid():
     n = 60
     x, y, z = 2 * np.pi * centres((n, n, n)) / n

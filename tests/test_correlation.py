@@ -10,7 +10,14 @@ import pytest
 from test_chords import grid_of, overlapping
 
 from porous.errors import GridError
-from porous.measures import over_blocks, pore_chord_mean, porosity, two_point
+from porous.measures import (
+    TwoPoint,
+    correlation_length,
+    over_blocks,
+    pore_chord_mean,
+    porosity,
+    two_point,
+)
 
 PERIODS = [(False, False, False), (True, True, True), (False, True, False)]
 
@@ -85,24 +92,25 @@ def test_its_slope_tells_the_projected_area():
         assert along[0] - along[1] == pytest.approx(faces / 2 / solid.size)
 
 
-def boolean_model(r, radius, eta):
-    r = np.minimum(r, 2 * radius)
-    return np.exp(-eta * (1 + 3 * r / (4 * radius) - r**3 / (16 * radius**3)))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("periodic", [True, False])
-def test_the_boolean_model_has_its_correlation_in_twenty_samples(periodic):
-    radius, found = 7.0, []
-    for seed in range(20):
-        solid, eta = overlapping((80, 72, 90), radius, 250, seed)
-        found.append(two_point(grid_of(solid, periodic=(periodic,) * 3), longest=24.0))
-    values = np.array([one.values for one in found])
-    exact = boolean_model(found[0].distances, radius, eta)
-    error = values.std(axis=0, ddof=1) / math.sqrt(20)
-    # Distances of samples are alike, so all may be off the same way: four errors, not two.
-    assert (np.abs(values.mean(axis=0) - exact) < 4 * error).all()
-    assert (error < 0.05 * exact).all()
+def test_the_correlation_length_is_the_integral_up_to_where_it_ends():
+    distances, h = np.arange(12.0), (1.0, 1.0, 1.0)
+    share = 0.4
+    left = np.array([1, 0.7, 0.5, 0.2, -0.1, 0.3, 0, 0, 0, 0, 0, 0])
+    values = share**2 + left * (share - share**2)
+    lags = np.ones(12, np.int64)
+    found = TwoPoint("pore", "um", h, distances, values, lags, (values,) * 3)
+    wanted = (1 + 0.7) / 2 + (0.7 + 0.5) / 2 + (0.5 + 0.2) / 2 + 0.2 * (2 / 3) / 2
+    row = correlation_length(found)
+    assert row.value == pytest.approx(wanted)
+    assert (row.unit, row.uncertainty) == ("um", math.inf)
+    coarse = replace(found, distances=2 * distances)
+    assert correlation_length(found, coarse).uncertainty == pytest.approx(wanted)
+    # It does not end: what there is, and nobody knows how far off.
+    short = replace(found, distances=distances[:3], values=values[:3], lags=lags[:3])
+    assert correlation_length(short).value == pytest.approx(0.85 + 0.6)
+    assert correlation_length(found, short).uncertainty == math.inf
+    with pytest.raises(GridError, match="a phase that is 1 of all"):
+        correlation_length(replace(found, values=np.ones(12)))
 
 
 def test_errors_by_blocks_are_those_of_samples():
