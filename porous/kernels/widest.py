@@ -1,14 +1,16 @@
-"""Widest ways in: the largest ball whose centre can come from outside to each voxel of a mask.
+"""Widest ways: the largest balls whose centres come to a place, from outside or from end to end.
 
-A flood that always goes on from where it came with the largest ball (R. E. Pollack, Operations
-Research 8, 1960): the first way on which it meets a voxel is the widest one, so that each is
-queued once, in a bucket of its ball's square. Voxels are joined by faces, edges and corners.
+From each voxel a way leads up to a peak, along which distances do not fall; so the widest way to a
+voxel is as wide as that to its peak, or the voxel itself where that is less. Peaks are joined where
+their slopes meet, the highest passes first, as in a forest of largest edges (T. C. Hu, Operations
+Research 9, 1961); it is noted when what is joined comes to the outside, and to both ends of an axis
+or back to itself a period on. Voxels are joined by faces, edges and corners.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,14 +24,23 @@ if TYPE_CHECKING:
     from porous.kernels.distance import Numbers, Squares
 
     Axes = tuple[bool, bool, bool]
+    Index = tuple[int, int, int]
     Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+    Passes = tuple[Integers, NDArray[np.int32]]
     Progress = Callable[[int, int], None]
 
-SLAB = 1 << 19
+SLAB = 1 << 20
 """Voxels that one kernel call looks at, about."""
 
+PASSES = 1 << 18
+"""Passes that one kernel call tells or joins at."""
+
+SLOTS = 1 << 16
+"""Passes that are looked up among those seen last."""
+
 LEVELS = 1 << 22
-"""Squares that a flood tells apart, at most."""
+"""Squares that are told apart, at most."""
 
 TIE = 1e-12
 """Squares that differ by this part of them are the same, but for rounding."""
@@ -37,15 +48,40 @@ TIE = 1e-12
 MESH = 3
 """Every how many voxels, along each axis, a ball stays where all about it are as large."""
 
+SOLID, FREE, PEAKS = -1, -2, -3
+"""What stands for voxels outside of the mask, for those that are free, and for the first peak."""
+
+LOW, HIGH, OUTSIDE = 0, 3, 6
+"""Bits of what a peak has come to: the first two of x, and by one and two more those of y, z."""
+
+SHARED = 7
+"""How many there are of them."""
+
+TURNS = 27
+"""Ways to be a period off the grid, or none, along each axis."""
+
+
+class Ways(NamedTuple):
+    """The widest ways through a mask.
+
+    ``inward`` is like the ``values`` of the squares: of the largest ball whose centre can come from
+    outside to each voxel, 0 where none can. ``through`` are the squares of the largest balls that
+    pass along each axis, float64 (3,), 0 where none does.
+    """
+
+    inward: Numbers
+    through: Floats
+
 
 def widest(
     squares: Squares,
-    outside: NDArray[np.bool_],
     *,
+    ends: tuple[Index, Index],
+    free: NDArray[np.bool_] | None = None,
     periodic: Axes = (False, False, False),
     progress: Progress | None = None,
-) -> Numbers:
-    """Return the largest ball's square that can come from outside to each voxel of a mask.
+) -> Ways:
+    """Return how large balls come from outside and pass from end to end.
 
     A ball about a voxel reaches to the nearest voxel outside of the mask. A centre goes from voxel
     to voxel by faces, edges and corners, and the ball that comes along a way is the least there.
@@ -54,42 +90,36 @@ def widest(
     ----------
     squares
         What ``squared_distances`` found, in a mask of which something lies outside.
-    outside
-        bool, shape (x, y, z): voxels at which ways begin, at the side of the grid for instance.
-        Those that are not in the mask do not matter.
+    ends
+        The first layers along each axis and the last, between which balls pass; along periodic axes
+        they come back to the same place a period on.
+    free
+        bool, shape (x, y, z): voxels that balls come from as they do from the sides that are not
+        periodic, but that none passes.
     periodic
         Axes along which the grid closes on itself.
     progress
-        Called as ``progress(done, count)`` in voxels; raising in it cancels.
+        Called as ``progress(done, count)``; raising in it cancels.
 
     Returns
     -------
-    Like ``squares.values``, in its units: 0 outside of the mask, and where no way leads. Where
-    there are more than four million squares, which takes balls of hundreds of voxels, they are
-    drawn in to four million levels.
+    Ways
+        Exact. Where there are more than four million squares, which takes balls of hundreds of
+        voxels, they are drawn in to four million levels.
     """
     given = source(squares.values, squares.values.dtype)
     levels = _levels(squares)
-    state = np.empty(given.shape, np.int32)
+    ranks = given if levels is None else _ranked(given, levels)
+    peaks = np.empty(given.shape, np.int32 if given.size < 1 << 31 else np.int64)
     wraps = np.array(periodic, np.int64)
-    most = int(given.max(initial=0)) if levels is None else len(levels)
-    nexts = np.empty(given.size, np.int32 if given.size < 1 << 31 else np.int64)
-    heads = np.full(most + 1, -1, nexts.dtype)
-    _rank_all(given, levels, state)
-    begin = source(outside, np.bool_).view(np.uint8)
-    count = int(np.count_nonzero(given))
-    place = np.array([most, 0], np.int64)  # the level, and how many voxels are done
-    flat = state.reshape(-1)
-    for a in range(0, given.shape[0], _planes(given.shape)):
-        _begin(begin, state, nexts, heads, a, min(given.shape[0], a + _planes(given.shape)))
-    while place[0] > 0:
-        _flood(flat, given.shape, wraps, nexts, heads, place, SLAB)
-        if progress is not None:
-            progress(int(place[1]), count)
-    np.maximum(state, 0, out=state)
+    count = _find_peaks(ranks, free, peaks)
+    bounds = np.array([*ends[0], *ends[1]], np.int64)
+    reached, found = _joined(ranks, peaks, count, (wraps, bounds), progress)
+    _settle_all(ranks, reached, peaks)
     if levels is None:
-        return state.astype(given.dtype, copy=False)
-    return np.concatenate([[0.0], levels])[state].astype(given.dtype, copy=False)
+        return Ways(peaks.astype(given.dtype, copy=False), found.astype(np.float64))
+    values = np.concatenate([[0.0], levels])
+    return Ways(values[peaks].astype(given.dtype, copy=False), values[found])
 
 
 def thinned(squares: Squares, ways: Numbers, *, periodic: Axes = (False, False, False)) -> Squares:
@@ -105,7 +135,7 @@ def thinned(squares: Squares, ways: Numbers, *, periodic: Axes = (False, False, 
     squares
         Of the mask.
     ways
-        What ``widest`` found in it.
+        The ways inward that ``widest`` found in it.
     periodic
         Axes along which the grid closes on itself.
 
@@ -124,35 +154,14 @@ def thinned(squares: Squares, ways: Numbers, *, periodic: Axes = (False, False, 
     return squares._replace(values=result)
 
 
-def _rank_all(given: Numbers, levels: Floats | None, state: NDArray[np.int32]) -> None:
-    """Set each voxel's level, below zero for no way has been found yet."""
-    if levels is None:
-        np.negative(given, out=state)
-        return
-    classes = 1 << 16
-    width = float(levels[-1]) * (1 + 2 * TIE) / classes
-    starts = np.searchsorted(levels, np.arange(classes + 1) * width, side="right").astype(np.int64)
-    bounds = source(np.append(levels, np.inf), np.float64)
-
-    def rank(a: int, b: int) -> None:
-        _rank(given, bounds, starts, width, state, a, b)
-
-    slabs(given.shape[0], _planes(given.shape), rank)
-
-
-def levels_of(squares: Squares) -> Floats:
-    """Return squares that can occur in a mask, ascending, the largest that does among them.
-
-    All of them, but where there are more than four million.
-    """
-    levels = _levels(squares)
-    return np.arange(1.0, squares.values.max(initial=0) + 1) if levels is None else levels
+def _planes(shape: tuple[int, ...]) -> int:
+    return max(1, SLAB // (shape[1] * shape[2]))
 
 
 def _levels(squares: Squares) -> Floats | None:
     """Return the squares that can occur, ascending, or None for all whole numbers."""
     largest = float(squares.values.max(initial=0))
-    if squares.values.dtype.kind == "i" and largest <= LEVELS:
+    if squares.values.dtype == np.int32 and largest <= LEVELS:
         return None
     counts = [math.isqrt(int(largest / w)) + 2 for w in squares.weights]
     if math.prod(counts) > 4 * LEVELS:
@@ -165,12 +174,112 @@ def _levels(squares: Squares) -> Floats | None:
     return np.asarray(values[np.diff(values, prepend=0.0) > TIE * values])
 
 
-def _planes(shape: tuple[int, ...]) -> int:
-    return max(1, SLAB // (shape[1] * shape[2]))
+def _ranked(given: Numbers, levels: Floats) -> NDArray[np.int32]:
+    """Return the place of each voxel's level, from 1 on; 0 outside of the mask."""
+    classes = 1 << 16
+    width = float(levels[-1]) * (1 + 4 * TIE) / classes
+    starts = np.searchsorted(levels, np.arange(classes + 1) * width, side="right").astype(np.int64)
+    bounds = source(np.append(levels, np.inf), np.float64)
+    ranks = np.empty(given.shape, np.int32)
+
+    def rank(a: int, b: int) -> None:
+        _rank(given, bounds, starts, width, ranks, a, b)
+
+    slabs(given.shape[0], _planes(given.shape), rank)
+    return source(ranks, np.int32)
+
+
+def _find_peaks(ranks: Numbers, free: NDArray[np.bool_] | None, peaks: Numbers) -> int:
+    """Set each voxel's peak, ``PEAKS`` less its number; return how many there are."""
+    none = np.zeros((0, 0, 0), np.bool_)
+    begin = source(none if free is None else free, np.bool_).view(np.uint8)
+    flat, planes = peaks.reshape(-1), _planes(ranks.shape)
+    side = ranks.shape[1] * ranks.shape[2]
+
+    def climb(a: int, b: int) -> None:
+        _climb(ranks, begin, peaks, a, b)
+
+    def follow(a: int, b: int) -> None:
+        _follow(flat, a * side, b * side)
+
+    def take(a: int, b: int) -> None:
+        _take(flat, a * side, b * side)
+
+    slabs(ranks.shape[0], planes, climb)
+    slabs(ranks.shape[0], planes, follow)
+    count = 0
+    for a in range(0, ranks.shape[0], planes):
+        count = _number(flat, a * side, min(a + planes, ranks.shape[0]) * side, count)
+    slabs(ranks.shape[0], planes, take)
+    return count
+
+
+def _joined(
+    ranks: Numbers,
+    peaks: Numbers,
+    count: int,
+    where: tuple[Integers, Integers],
+    progress: Progress | None,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the level at which each peak comes to the outside, and those of what passes."""
+    keys, levels = _passes(ranks, peaks, count, where, progress)
+    order = np.argsort(-levels, kind="stable")
+    keys, levels = source(keys[order], np.int64), source(levels[order], np.int32)
+    forest = np.stack([np.arange(count), np.arange(count)], axis=1)
+    shifts, marks = np.zeros((count, 3), np.int32), np.zeros(count, np.uint8)
+    reached, found = np.zeros(count, np.int32), np.zeros(3, np.int32)
+    for a in range(0, len(keys), PASSES):
+        part = slice(a, a + PASSES)
+        _join(keys[part], levels[part], forest, shifts, marks, reached, found)
+    return reached, found
+
+
+def _passes(
+    ranks: Numbers,
+    peaks: Numbers,
+    count: int,
+    where: tuple[Integers, Integers],
+    progress: Progress | None,
+) -> Passes:
+    """Return where slopes of two peaks meet and what they come to, each at its highest level."""
+    planes, told = _planes(ranks.shape), source(peaks, peaks.dtype)
+    room = PASSES + 13 * ranks.shape[2]
+    found: dict[int, list[Passes]] = {}
+
+    def look(a: int, b: int) -> None:
+        keys, levels = np.full(room + SLOTS, -1, np.int64), np.zeros(room + SLOTS, np.int32)
+        place, found[a] = np.array([a, 0], np.int64), []
+        while place[0] < b:
+            n = _look(ranks, told, count, *where, keys, levels, place, b)
+            found[a].append((keys[SLOTS:n].copy(), levels[SLOTS:n].copy()))
+        taken = keys[:SLOTS] >= 0
+        found[a].append((keys[:SLOTS][taken], levels[:SLOTS][taken]))
+        found[a] = [_highest(found[a])]
+
+    slabs(ranks.shape[0], planes, look, progress)
+    return _highest([part for a in sorted(found) for part in found[a]])
+
+
+def _highest(parts: list[Passes]) -> Passes:
+    """Return all passes, each once, at the highest level that it has."""
+    keys, levels = (np.concatenate([part[end] for part in parts]) for end in (0, 1))
+    order = np.lexsort((levels, keys))
+    keys, levels = keys[order], levels[order]
+    last = np.flatnonzero(np.diff(keys, append=-1))
+    return keys[last], levels[last]
+
+
+def _settle_all(ranks: Numbers, reached: NDArray[np.int32], peaks: Numbers) -> None:
+    """Set each voxel's level, the lesser of its own and its peak's."""
+
+    def settle(a: int, b: int) -> None:
+        _settle(ranks, reached, peaks, a, b)
+
+    slabs(ranks.shape[0], _planes(ranks.shape), settle)
 
 
 @kernel
-def _rank(squares, levels, starts, width, state, first, last):
+def _rank(squares, levels, starts, width, ranks, first, last):
     for i in range(first, last):
         for j in range(squares.shape[1]):
             for k in range(squares.shape[2]):
@@ -182,72 +291,202 @@ def _rank(squares, levels, starts, width, state, first, last):
                         rank += 1
                     while rank > 0 and levels[rank - 1] > square:
                         rank -= 1
-                state[i, j, k] = -rank
+                ranks[i, j, k] = rank
 
 
 @kernel
-def _begin(outside, state, nexts, heads, first, last):
-    _, ny, nz = state.shape
+def _climb(ranks, free, peaks, first, last):
+    # The steepest way up that stays in the grid, the voxel itself on a peak; of voxels alike, which
+    # are in a row, the last.
+    nx, ny, nz = ranks.shape
+    some = free.shape[0] > 0
     for i in range(first, last):
         for j in range(ny):
             for k in range(nz):
-                if outside[i, j, k] and state[i, j, k] < 0:
-                    level = -state[i, j, k]
-                    state[i, j, k] = level
-                    voxel = (i * ny + j) * nz + k
-                    nexts[voxel] = heads[level]
-                    heads[level] = voxel
+                best = ranks[i, j, k]
+                if best == 0 or (some and free[i, j, k]):
+                    peaks[i, j, k] = SOLID if best == 0 else FREE
+                    continue
+                top = (i * ny + j) * nz + k
+                for x in range(max(0, i - 1), min(nx, i + 2)):
+                    for y in range(max(0, j - 1), min(ny, j + 2)):
+                        for z in range(max(0, k - 1), min(nz, k + 2)):
+                            rank = ranks[x, y, z]
+                            if rank < best or (some and free[x, y, z]):
+                                continue
+                            at = (x * ny + y) * nz + z
+                            if rank > best or at > top:
+                                best, top = rank, at
+                peaks[i, j, k] = top
 
 
 @kernel
-def _flood(state, shape, wraps, nexts, heads, place, most):
-    # Go on with the largest balls: below zero is what no way has led to yet.
-    nx, ny, nz = shape
-    level, done = place[0], 0
-    while level > 0 and done < most:
-        voxel = np.int64(heads[level])
-        if voxel < 0:
-            level -= 1
-            continue
-        heads[level] = nexts[voxel]
-        done += 1
-        row = voxel // nz
-        k = voxel - row * nz
-        i = row // ny
-        j = row - i * ny
-        if 0 < i < nx - 1 and 0 < j < ny - 1 and 0 < k < nz - 1:
-            for x in range(-1, 2):
-                for y in range(-1, 2):
-                    middle = voxel + (x * ny + y) * nz
-                    if min(state[middle - 1], state[middle], state[middle + 1]) >= 0:
-                        continue
-                    for other in range(middle - 1, middle + 2):
-                        rank = -state[other]
-                        if rank > 0:
-                            rank = min(rank, level)
-                            state[other] = rank
-                            nexts[other] = heads[rank]
-                            heads[rank] = other
-            continue
-        for step in range(27):
-            a, b, c = i + step // 9 - 1, j + step // 3 % 3 - 1, k + step % 3 - 1
-            if wraps[0]:
-                a = (a + nx) % nx
-            if wraps[1]:
-                b = (b + ny) % ny
-            if wraps[2]:
-                c = (c + nz) % nz
-            if a < 0 or b < 0 or c < 0 or a >= nx or b >= ny or c >= nz:
+def _follow(peaks, first, last):
+    # Other slabs shorten their ways meanwhile, which lead to the same peaks.
+    for voxel in range(last - 1, first - 1, -1):
+        top = peaks[voxel]
+        if top >= 0:
+            while peaks[top] != top:
+                top = peaks[top]
+            peaks[voxel] = top
+
+
+@kernel
+def _number(peaks, first, last, count):
+    for voxel in range(first, last):
+        if peaks[voxel] == voxel:
+            peaks[voxel] = PEAKS - count
+            count += 1
+    return count
+
+
+@kernel
+def _take(peaks, first, last):
+    for voxel in range(first, last):
+        if peaks[voxel] >= 0:
+            peaks[voxel] = peaks[peaks[voxel]]
+
+
+@kernel
+def _note(keys, levels, stop, key, level):
+    # Keep a pass in its slot, the highest of it; what was there goes to the end of the list.
+    slot = key % SLOTS
+    if keys[slot] == key:
+        levels[slot] = max(levels[slot], level)
+        return stop
+    if keys[slot] >= 0:
+        keys[stop], levels[stop] = keys[slot], levels[slot]
+        stop += 1
+    keys[slot], levels[slot] = key, level
+    return stop
+
+
+@kernel
+def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
+    nx, ny, nz = ranks.shape
+    stop, i, j = SLOTS, place[0], place[1]
+    nodes = count + SHARED
+    while i < last and stop < SLOTS + PASSES:
+        for k in range(nz):
+            own = peaks[i, j, k]
+            if own == SOLID:
                 continue
-            other = (a * ny + b) * nz + c
-            rank = -state[other]
-            if rank > 0:
-                rank = min(rank, level)
-                state[other] = rank
-                nexts[other] = heads[rank]
-                heads[rank] = other
-    place[0] = level
-    place[1] += done
+            rank, one = ranks[i, j, k], np.int64(PEAKS - own)
+            if own != FREE:
+                for a, at, size in ((0, i, nx), (1, j, ny), (2, k, nz)):
+                    if wraps[a] == 0:
+                        if at == 0 or at == size - 1:
+                            key = (one * nodes + count + OUTSIDE) * TURNS
+                            stop = _note(keys, levels, stop, key, rank)
+                        if at == ends[a]:
+                            key = (one * nodes + count + LOW + a) * TURNS
+                            stop = _note(keys, levels, stop, key, rank)
+                        if at == ends[a + 3]:
+                            key = (one * nodes + count + HIGH + a) * TURNS
+                            stop = _note(keys, levels, stop, key, rank)
+            inner = i < nx - 1 and 0 < j < ny - 1 and 0 < k < nz - 1
+            for step in range(14, 27):
+                a, b, c = i + step // 9 - 1, j + step // 3 % 3 - 1, k + step % 3 - 1
+                turn = 13
+                if not inner:
+                    if a == nx:
+                        a, turn = 0, turn + 9
+                    if b < 0 or b == ny:
+                        turn += 3 if b == ny else -3
+                        b = 0 if b == ny else ny - 1
+                    if c < 0 or c == nz:
+                        turn += 1 if c == nz else -1
+                        c = 0 if c == nz else nz - 1
+                    if (turn // 9 != 1 and wraps[0] == 0) or (turn % 3 != 1 and wraps[2] == 0):
+                        continue
+                    if turn // 3 % 3 != 1 and wraps[1] == 0:
+                        continue
+                other = peaks[a, b, c]
+                if other == SOLID or (other == own and (turn == 13 or own == FREE)):
+                    continue
+                if other == FREE:
+                    key = (one * nodes + count + OUTSIDE) * TURNS
+                elif own == FREE:
+                    key = (np.int64(PEAKS - other) * nodes + count + OUTSIDE) * TURNS
+                else:
+                    key = (one * nodes + np.int64(PEAKS - other)) * TURNS + turn
+                stop = _note(keys, levels, stop, key, min(rank, ranks[a, b, c]))
+        j += 1
+        if j == ny:
+            i, j = i + 1, 0
+    place[0], place[1] = i, j
+    return stop
+
+
+@kernel
+def _root(forest, shifts, peak):
+    # The root of a peak, and how many periods off it the peak lies.
+    x = y = z = 0
+    while forest[peak, 0] != peak:
+        above = forest[peak, 0]
+        for a in range(3):
+            shifts[peak, a] += shifts[above, a]
+        forest[peak, 0] = forest[above, 0]
+        x, y, z = x + shifts[peak, 0], y + shifts[peak, 1], z + shifts[peak, 2]
+        peak = forest[peak, 0]
+    return peak, x, y, z
+
+
+@kernel
+def _mark(forest, marks, reached, found, root, what, level):
+    # A tree comes to more of the grid's ends, or to the outside: then all its peaks do.
+    if (what & ~marks[root]) >> OUTSIDE & 1:
+        peak = root
+        while reached[peak] == 0:
+            reached[peak] = level
+            peak = forest[peak, 1]
+    marks[root] |= what
+    for a in range(3):
+        if (marks[root] >> (LOW + a)) & (marks[root] >> (HIGH + a)) & 1 and found[a] == 0:
+            found[a] = level
+
+
+@kernel
+def _join(keys, levels, forest, shifts, marks, reached, found):
+    # Join peaks, the highest passes first; those that lie a period off themselves go around.
+    nodes = len(forest) + SHARED
+    for n in range(len(keys)):
+        turn, pair, level = keys[n] % TURNS, keys[n] // TURNS, levels[n]
+        p, x, y, z = _root(forest, shifts, pair // nodes)
+        other = pair % nodes
+        if other >= len(forest):
+            what = np.uint8(1) << np.uint8(other - len(forest))
+            _mark(forest, marks, reached, found, p, what, level)
+            continue
+        q, a, b, c = _root(forest, shifts, other)
+        x, y, z = x + turn // 9 - 1 - a, y + turn // 3 % 3 - 1 - b, z + turn % 3 - 1 - c
+        if p == q:
+            for axis, off in ((0, x), (1, y), (2, z)):
+                if off != 0 and found[axis] == 0:
+                    found[axis] = level
+            continue
+        if q < p:
+            p, q, x, y, z = q, p, -x, -y, -z
+        what = marks[p] | marks[q]
+        _mark(forest, marks, reached, found, p, what, level)
+        _mark(forest, marks, reached, found, q, what, level)
+        forest[q, 0] = p
+        shifts[q, 0], shifts[q, 1], shifts[q, 2] = x, y, z
+        # The rings of their peaks become one.
+        forest[p, 1], forest[q, 1] = forest[q, 1], forest[p, 1]
+
+
+@kernel
+def _settle(ranks, reached, peaks, first, last):
+    _, ny, nz = ranks.shape
+    for i in range(first, last):
+        for j in range(ny):
+            for k in range(nz):
+                peak = peaks[i, j, k]
+                rank = ranks[i, j, k]
+                if peak <= PEAKS:
+                    rank = min(rank, reached[PEAKS - peak])
+                peaks[i, j, k] = rank
 
 
 @kernel

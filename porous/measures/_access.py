@@ -11,10 +11,11 @@ import numpy as np
 from porous.measures._intrusion import (
     BALLS,
     accessible,
+    has_outside,
     intrusion,
-    outside_of,
     passing,
     percolation_rows,
+    ways_of,
 )
 from porous.measures._sample import Family, Findings
 from porous.models.model import HasBulk
@@ -88,7 +89,8 @@ def take(sample: Sample) -> Findings:
     fine, coarse = _seen(seen), None
     if seen.coarse is not None and seen.coarse.has_both:
         coarse = _seen(seen.coarse)
-    rows, notes = list(_passing_rows(seen, fine, coarse)), []
+    through = percolation_rows(seen, fine.passing, None if coarse is None else coarse.passing)
+    rows, notes = list(through), []
     curves: tuple[Curve, ...] = ()
     if fine.mercury is None:
         notes.append(NOWHERE)
@@ -96,7 +98,7 @@ def take(sample: Sample) -> Findings:
         if seen.how.probe is not None:
             other = None if coarse is None else coarse.mercury
             rows.append(accessible(fine.mercury, other, seen.how.probe))
-        rows += _intrusion_rows(seen, fine, coarse)
+        rows += _intrusion_rows(seen, fine, coarse, through)
         curves = tuple(_curves(seen, fine, coarse))
     if seen is not sample:
         notes.append(
@@ -107,10 +109,11 @@ def take(sample: Sample) -> Findings:
 
 
 def _seen(sample: Sample) -> _Seen:
-    through = (0.0, 0.0, 0.0) if _is_bent(sample) else passing(sample)
-    if not outside_of(sample).any():
+    ways = ways_of(sample)
+    through = (0.0, 0.0, 0.0) if _is_bent(sample) else passing(sample, ways)
+    if not has_outside(sample):
         return _Seen(through)
-    mercury, pores = intrusion(sample), sample.thickness("pore")
+    mercury, pores = intrusion(sample, ways), sample.thickness("pore")
     return _Seen(through, mercury, pores, _numbers(sample, mercury, pores))
 
 
@@ -157,17 +160,14 @@ def _behind_necks(
     return behind / int(counts[-1]), float(room)
 
 
-def _passing_rows(sample: Sample, fine: _Seen, coarse: _Seen | None) -> tuple[Measure, ...]:
-    lost: Three | None = None if sample.coarse is None else (math.inf,) * 3
-    return percolation_rows(sample, fine.passing, lost if coarse is None else coarse.passing)
-
-
-def _intrusion_rows(sample: Sample, fine: _Seen, coarse: _Seen | None) -> Iterator[Measure]:
+def _intrusion_rows(
+    sample: Sample, fine: _Seen, coarse: _Seen | None, through: tuple[Measure, ...]
+) -> Iterator[Measure]:
     wraps = sample.frame.periodic
     sides = [0.0 if wrap else d for d, wrap in zip(fine.passing, wraps, strict=True)]
     if max(sides):
         name = f"percolation_diameter_{'xyz'[sides.index(max(sides))]}"
-        (row,) = (row for row in _passing_rows(sample, fine, coarse) if row.name == name)
+        (row,) = (row for row in through if row.name == name)
         yield replace(row, name="intrusion_threshold_diameter")
     for name, (value, lattice) in fine.numbers.items():
         other = math.inf

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import GridError
-from porous.measures._census import Census
 from porous.measures._sample import Sample
 from porous.memory import check_memory
-from porous.values import Frame, Measure, Measures, VoxelGrid
+from porous.values import Measure, Measures
 from porous.values.value import Value, adopted, frozen
 
 if TYPE_CHECKING:
@@ -21,9 +20,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.kernels.distance import Numbers, Squares
+    from porous.kernels.widest import Ways
+    from porous.values import Frame, VoxelGrid
 
     Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
+    Index = tuple[int, int, int]
     Progress = Callable[[str, float], None]
     Three = tuple[float, float, float]
 
@@ -129,7 +131,17 @@ def mercury_intrusion(grid: VoxelGrid, *, progress: Progress | None = None) -> M
     MemoryLimitError
         Where there is too little memory.
     """
-    return intrusion(Sample(grid, progress=progress))
+    return _mercury(Sample(grid, progress=progress))
+
+
+def _mercury(sample: Sample) -> MercuryIntrusion:
+    ways = ways_of(sample)
+    if not has_outside(sample):
+        raise GridError(
+            "access: the grid is periodic along all axes, so that nothing comes from outside; "
+            "wanted an axis that is not, or pores beyond the bulk"
+        )
+    return intrusion(sample, ways)
 
 
 def accessible_porosity(grid: VoxelGrid, *, probe: float) -> Measure:
@@ -164,7 +176,7 @@ def accessible_porosity(grid: VoxelGrid, *, probe: float) -> Measure:
     sample = Sample(grid)
     coarse = sample.coarse
     both = coarse is not None and coarse.has_both
-    return accessible(intrusion(sample), intrusion(coarse) if coarse and both else None, probe)
+    return accessible(_mercury(sample), _mercury(coarse) if coarse and both else None, probe)
 
 
 def accessible(fine: MercuryIntrusion, coarse: MercuryIntrusion | None, probe: float) -> Measure:
@@ -207,31 +219,63 @@ def percolation_diameters(grid: VoxelGrid) -> Measures:
         Where there is too little memory.
     """
     sample = Sample(grid)
-    return Measures(percolation_rows(sample, passing(sample), passing_coarse(sample)))
+    fine, coarse = passing(sample, ways_of(sample)), None
+    if sample.coarse is not None and sample.coarse.has_both:
+        coarse = passing(sample.coarse, ways_of(sample.coarse))
+    return Measures(percolation_rows(sample, fine, coarse))
 
 
 def percolation_rows(sample: Sample, fine: Three, coarse: Three | None) -> tuple[Measure, ...]:
-    """Return the rows of diameters that pass, zero where none does, at both resolutions."""
+    """Return the rows of diameters that pass, zero where none does, at both resolutions.
+
+    Where there is a coarser sample of which nothing is known, it has lost a phase.
+    """
+    lost = 0.0 if sample.coarse is None else math.inf
     return tuple(
         Measure(
             f"percolation_diameter_{axis}",
             value,
             sample.frame.unit,
             WAYS,
-            math.hypot(doubt_of(sample), 0.0 if coarse is None else other - value),
+            math.hypot(doubt_of(sample), lost if coarse is None else coarse[a] - value),
             "standard",
             "grid",
         )
-        for axis, value, other in zip("xyz", fine, coarse or fine, strict=True)
+        for a, (axis, value) in enumerate(zip("xyz", fine, strict=True))
         if value
     )
 
 
-def passing_coarse(sample: Sample) -> Three | None:
-    """Return what passes at half the resolution; infinite where one phase is lost there."""
-    if sample.coarse is None:
-        return None
-    return passing(sample.coarse) if sample.coarse.has_both else (math.inf,) * 3
+def ways_of(sample: Sample) -> Ways:
+    """Return the widest ways into the pores of a sample and through them.
+
+    Raises
+    ------
+    GridError
+        Where one of the phases is missing.
+    MemoryLimitError
+        Where there is too little memory.
+    """
+    from porous.kernels.widest import widest
+
+    bulk, frame = sample.grid.bulk, sample.frame
+    free = None if bulk is None else bulk < 128
+    return widest(
+        _squares(sample),
+        ends=_ends(frame.shape, free),
+        free=free,
+        periodic=frame.periodic,
+        progress=_part(sample, 0.0, 0.5),
+    )
+
+
+def _ends(shape: Index, free: Bools | None) -> tuple[Index, Index]:
+    """Return the outermost layers of the bulk, along each axis."""
+    if free is None:
+        return (0, 0, 0), (shape[0] - 1, shape[1] - 1, shape[2] - 1)
+    held = (np.flatnonzero(~free.all(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1)))
+    (a, d), (b, e), (c, f) = ((int(layers[0]), int(layers[-1])) for layers in held)
+    return (a, b, c), (d, e, f)
 
 
 def doubt_of(sample: Sample) -> float:
@@ -239,35 +283,10 @@ def doubt_of(sample: Sample) -> float:
     return math.hypot(max(sample.frame.spacing), 2 * sample.grid.sampling_error)
 
 
-def passing(sample: Sample) -> Three:
-    """Return the diameter of the largest ball that passes along each axis; 0 where none does.
-
-    Thresholds are halved between: each time the balls' centres are labelled.
-    """
-    from porous.kernels.widest import TIE, levels_of
-
-    squares = _squares(sample)
-    levels = levels_of(squares)
-    low, high = np.zeros(3, np.int64), np.full(3, len(levels) + 1)
-    steps = math.ceil(math.log2(len(levels) + 1)) * 2
-    while (high - low).max() > 1:
-        axis = int(np.argmax(high - low))
-        middle = int(low[axis] + high[axis]) // 2
-        beyond = squares.values < levels[middle - 1] * (1 - TIE)
-        through = _through(sample, beyond)
-        low = np.where(through, np.maximum(low, middle), low)
-        high = np.where(through, high, np.minimum(high, middle))
-        sample.tell(NAME, 0.3 * max(0.0, 1 - math.log2((high - low).max()) / steps))
-    sizes = 2 * squares.step * np.sqrt(np.concatenate([[0.0], levels])[low])
-    return float(sizes[0]), float(sizes[1]), float(sizes[2])
-
-
-def _through(sample: Sample, beyond: Bools) -> Bools:
-    """Return along which axes a way of 26 neighbours leads through what is not ``beyond``."""
-    fill = np.where(beyond, np.uint8(255), np.uint8(0))
-    census = Census(VoxelGrid(sample.frame, fill, sample.grid.bulk))
-    pieces = census.pieces(solid=False, connectivity=26, in_bulk=True)
-    return np.asarray(pieces.through.any(axis=0))
+def passing(sample: Sample, ways: Ways) -> Three:
+    """Return the diameter of the largest ball that passes along each axis; 0 where none does."""
+    x, y, z = 2 * sample.squares("pore").step * np.sqrt(ways.through)
+    return float(x), float(y), float(z)
 
 
 def _squares(sample: Sample) -> Squares:
@@ -292,45 +311,24 @@ def _squares(sample: Sample) -> Squares:
     return squares
 
 
-def outside_of(sample: Sample) -> Bools:
-    """Return where balls come from: sides that are not periodic, and all that is not of the bulk.
-
-    Voxels of the solid may be among them, and none at all.
-    """
-    frame, bulk = sample.frame, sample.grid.bulk
-    result = np.zeros(frame.shape, bool) if bulk is None else bulk < 128
-    for axis in (a for a in range(3) if not frame.periodic[a]):
-        layers = np.moveaxis(result, axis, 0)
-        layers[0] = layers[-1] = True
-    return result
+def has_outside(sample: Sample) -> bool:
+    """Tell whether there is a side that is not periodic, or a pore beyond the bulk."""
+    bulk = sample.grid.bulk
+    beyond = bulk is not None and bool(((bulk < 128) & ~sample.grid.solid).any())
+    return beyond or not all(sample.frame.periodic)
 
 
-def intrusion(sample: Sample) -> MercuryIntrusion:
-    """Return what ``mercury_intrusion`` does, of a sample.
-
-    Raises
-    ------
-    GridError
-        Where one of the phases is missing, or balls come from nowhere.
-    MemoryLimitError
-        Where there is too little memory.
-    """
+def intrusion(sample: Sample, ways: Ways) -> MercuryIntrusion:
+    """Return what ``mercury_intrusion`` does, of a sample with an outside."""
     from porous.kernels.thickness import largest_balls
-    from porous.kernels.widest import thinned, widest
+    from porous.kernels.widest import thinned
 
-    squares, outside = _squares(sample), outside_of(sample)
-    if not outside.any():
-        raise GridError(
-            "access: the grid is periodic along all axes, so that nothing comes from outside; "
-            "wanted an axis that is not, or pores beyond the bulk"
-        )
-    periodic = sample.frame.periodic
-    ways = widest(squares, outside, periodic=periodic, progress=_part(sample, 0.3, 0.6))
-    balls = thinned(squares, ways, periodic=periodic)
-    reached = ways
-    if ways.any():
-        found = largest_balls(balls, periodic=periodic, progress=_part(sample, 0.6, 1.0))
-        reached = np.maximum(found, ways, out=found)
+    squares, periodic = sample.squares("pore"), sample.frame.periodic
+    reached = ways.inward
+    if reached.any():
+        balls = thinned(squares, reached, periodic=periodic)
+        found = largest_balls(balls, periodic=periodic, progress=_part(sample, 0.5, 1.0))
+        reached = np.maximum(found, reached, out=found)
     return _told(sample, reached, squares.step)
 
 
