@@ -287,6 +287,18 @@ def test_the_distribution_is_that_of_the_map():
     assert pickle.loads(pickle.dumps(local)) == local
 
 
+def test_squares_that_are_known_are_taken():
+    grid = grid_of(noise((14, 13, 12), 9, 1), (0.5, 0.5, 0.5))
+    mask = grid.solid
+    squares = squared_distances(mask, grid.frame.spacing, walled=True)
+    assert local_thickness(grid, phase="solid", squares=squares) == local_thickness(
+        grid, phase="solid"
+    )
+    others = replace(grid, fill=np.roll(grid.fill, 3, axis=2))
+    with pytest.raises(GridError, match="squares: got those of another body"):
+        local_thickness(others, phase="solid", squares=squares)
+
+
 def test_sampling_error_is_in_the_doubt():
     grid = replace(grid_of(noise((9, 9, 9), 1), (0.3,) * 3), sampling_error=0.2)
     assert local_thickness(grid).doubt == pytest.approx(0.5)

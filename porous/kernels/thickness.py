@@ -127,6 +127,37 @@ def smallest(squares: Squares, balls: Numbers, *, periodic: Axes, walled: bool) 
     return float(found.min())
 
 
+class Tally(NamedTuple):
+    """Diameters, voxel by voxel, and how many of the voxels that count have which square."""
+
+    diameters: NDArray[np.float32]
+    squares: Floats
+    counts: Integers
+
+
+def tally(balls: Numbers, counted: NDArray[np.bool_], scale: float) -> Tally:
+    """Return the roots of ``balls`` times ``scale``, and how often each of their squares occurs."""
+    given, some = source(balls, balls.dtype), source(counted, np.bool_).view(np.uint8)
+    largest = float(given.max(initial=0))
+    if largest >= CLASSES or not _whole(given):
+        # Sums of the same squares in another order differ in their last digits.
+        several, numbers = np.unique(given[counted].astype(np.float32), return_counts=True)
+        roots = np.sqrt(given, dtype=np.float32)
+        roots *= np.float32(scale)
+        return Tally(roots, several.astype(np.float64), numbers)
+    diameters, found = np.empty(given.shape, np.float32), []
+
+    def count(a: int, b: int) -> None:
+        counts = np.zeros(int(largest) + 1, np.int64)
+        _tally(given, some, np.float32(scale), diameters, counts, a, b)
+        found.append(counts)
+
+    slabs(len(given), _planes(given.shape), count)
+    total = np.sum(found, axis=0)
+    squares = np.flatnonzero(total)
+    return Tally(diameters, squares.astype(np.float64), total[squares])
+
+
 def _planes(shape: tuple[int, ...]) -> int:
     return max(1, SLAB // (shape[1] * shape[2]))
 
@@ -153,25 +184,30 @@ def _balls(given: Numbers, weights: Floats, wraps: Integers) -> _Balls:
         found[a] = table[:count].copy(), radii[:count].copy()
 
     slabs(given.shape[0], _planes(given.shape), prune)
-    table, radii = (
-        np.concatenate(each) for each in zip(*(found[a] for a in sorted(found)), strict=True)
-    )
-    order = _falling(radii, largest)
-    radii = radii[order]
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(radii)) + 1, [len(radii)]])
+    parts = [found[a] for a in sorted(found)]
+    radii: NDArray[Any] = np.concatenate([part[1] for part in parts])
+    keys, values = _falling(radii, largest)
+    counts = np.bincount(keys, minlength=len(values))
+    ends = np.cumsum(counts)
+    table, places = np.empty((len(radii), 7), dtype), ends - counts
+    start = 0
+    for part, _ in parts:
+        _place(part, keys[start : start + len(part)], places, table)
+        start += len(part)
+    some = counts > 0
     return _Balls(
-        source(table[order], dtype),
-        source(starts, np.int64),
-        source(radii[starts[:-1]], np.float64),
+        source(table, dtype),
+        source(np.concatenate([[0], ends[some]]), np.int64),
+        source(values[some], np.float64),
     )
 
 
-def _falling(radii: Numbers, largest: float) -> Integers:
-    """Return the order by falling radius, by a radix sort where it can be had."""
-    keys: NDArray[Any] = -radii
-    if _whole(radii) and largest < 1 << 16:
-        keys = (int(largest) - radii).astype(np.uint16)
-    return np.argsort(keys, kind="stable")
+def _falling(radii: Numbers, largest: float) -> tuple[Integers, NDArray[Any]]:
+    """Return the number of each radius in a falling row of squares, and that row."""
+    if _whole(radii) and largest < CLASSES:
+        return int(largest) - radii.astype(np.int64), np.arange(int(largest), 0, -1)
+    values, keys = np.unique(radii, return_inverse=True)
+    return len(values) - 1 - keys.astype(np.int64), values[::-1]
 
 
 @numba.extending.intrinsic
@@ -182,6 +218,15 @@ def _lowest_bit(_typing, word):
         return builder.cttz(arguments[0], context.get_constant(numba.boolean, 1))
 
     return word(word), generate
+
+
+@kernel
+def _place(rows, keys, places, table):
+    # Put rows where those with the same key go on, and count them.
+    for n in range(len(rows)):
+        for column in range(rows.shape[1]):
+            table[places[keys[n]], column] = rows[n, column]
+        places[keys[n]] += 1
 
 
 @kernel
@@ -216,7 +261,6 @@ def _prune(squares, needs, scale, weights, wraps, table, radii, first, last):
     size, line = (ny + 2) * (nz + 2), nz + 2
     around = np.zeros(3 * size, squares.dtype)
     most = np.zeros((7, nz), squares.dtype)
-    bounds = np.zeros(6, np.int64)
     count = 0
     for i in range(first - 1, last + 1):
         _plane(squares, i, wraps, around, (i + 1) % 3 * size)
@@ -237,33 +281,32 @@ def _prune(squares, needs, scale, weights, wraps, table, radii, first, last):
                 if held:
                     continue
                 # Of balls as large, those whose voxel comes first are painted first.
-                equal = (i > 1, False, j > 0, False, k > 0, False)
                 at = here + row + k
-                others = (low + row + k, high + row + k, at - line, at + line, at - 1, at + 1)
-                some = True
-                for side in range(6):
-                    other, weight = around[others[side]], weights[side // 2]
-                    bounds[side] = FREE
-                    if other > radius or (other == radius and equal[side]):
-                        bounds[side] = _bound(radius, other, weight, scale[0])
-                    if side % 2:
-                        some &= -bounds[side - 1] <= bounds[side]
-                if some:
+                beside = around[low + row + k], around[high + row + k]
+                x = _limits(radius, beside, i > 1, weights[0], scale[0])
+                y = _limits(
+                    radius, (around[at - line], around[at + line]), j > 0, weights[1], scale[0]
+                )
+                z = _limits(radius, (around[at - 1], around[at + 1]), k > 0, weights[2], scale[0])
+                if x[0] <= x[1] and y[0] <= y[1] and z[0] <= z[1]:
                     radii[count] = radius
                     table[count, 0], table[count, 1], table[count, 2] = i - 1, j, k
-                    for side in range(4):
-                        table[count, 3 + side] = bounds[side] if side % 2 else -bounds[side]
+                    table[count, 3], table[count, 4] = x
+                    table[count, 5], table[count, 6] = y
                     count += 1
     return count
 
 
 @kernel
-def _bound(radius, other, weight, half):
-    # How far towards a larger ball beside it a ball may hold voxels that the larger one does not.
-    farthest = (np.float64(radius) - other + weight) / (2.0 * weight)
-    if not half:
-        farthest += 1e-3
-    return max(-FREE, min(FREE, np.int64(np.ceil(farthest)) - 1))
+def _limits(radius, beside, tie, weight, half):
+    # Between what steps along an axis a ball may hold voxels that larger ones, beside it to either
+    # side, do not hold; one as large counts where ``tie`` says so, on the lower side only.
+    loose, part = 0.0 if half else 1e-3, 0.5 / weight
+    low = np.ceil((np.float64(radius) - beside[0] + weight) * part + loose) - 1.0
+    high = np.ceil((np.float64(radius) - beside[1] + weight) * part + loose) - 1.0
+    low = low if beside[0] > radius or (tie and beside[0] == radius) else FREE
+    high = high if beside[1] > radius else FREE
+    return -np.int64(min(low, FREE)), np.int64(min(high, FREE))
 
 
 @kernel
@@ -537,6 +580,16 @@ def _lay(table, shape, wraps, sizes, reach, value, free, some, stencil, profile,
                                         found |= free[q + np.uint64(d)]
                                     some[a + k], some[b + k] = bits, found
     return done
+
+
+@kernel
+def _tally(balls, counted, scale, diameters, counts, first, last):
+    for i in range(first, last):
+        for j in range(balls.shape[1]):
+            for k in range(balls.shape[2]):
+                diameters[i, j, k] = scale * np.sqrt(np.float32(balls[i, j, k]))
+            for k in range(balls.shape[2]):
+                counts[balls[i, j, k]] += counted[i, j, k]
 
 
 @kernel

@@ -184,7 +184,11 @@ class Sample:
         """
         if phase not in self._thickness:
             self._thickness[phase] = local_thickness(
-                self.grid, phase=phase, beyond=self.how.beyond, progress=self.progress
+                self.grid,
+                phase=phase,
+                beyond=self.how.beyond,
+                squares=self.squares(phase),
+                progress=self.progress,
             )
         return self._thickness[phase]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.kernels.distance import Numbers
-    from porous.measures._phase import Bools
+    from porous.kernels.distance import Squares
     from porous.values import Frame
     from porous.values.tiled import Tiled
 
@@ -96,6 +95,7 @@ def local_thickness(
     *,
     phase: str = "pore",
     beyond: str = "void",
+    squares: Squares | None = None,
     progress: Progress | None = None,
 ) -> LocalThickness:
     """Return the local thickness of pores or of solid: of each voxel the largest ball over it.
@@ -116,6 +116,8 @@ def local_thickness(
         ``"unknown"``, for what was cut out of a larger body: then nothing does. No pore ends at a
         side. Centres of balls lie within the grid in any case, so that next to sides where a phase
         goes on balls are fewer, and thicknesses those of what is seen.
+    squares
+        What ``squared_distances`` found of this phase, if that is known already.
     progress
         Called as ``progress("local thickness", done)`` with done in 0 … 1; raising in it cancels.
 
@@ -131,39 +133,40 @@ def local_thickness(
     Raises
     ------
     GridError
-        Where one of the phases is missing.
+        Where one of the phases is missing, or squares are not those of the phase.
     MemoryLimitError
         Where there is too little memory.
     """
     from porous.kernels.distance import FAR, squared_distances
-    from porous.kernels.thickness import largest_balls, smallest
+    from porous.kernels.thickness import largest_balls, smallest, tally
 
     frame = grid.frame
     alike = len(set(frame.spacing)) == 1
     voxels = voxels_of(grid, phase, beyond, "local thickness", BYTES[alike])
     periodic, walled = frame.periodic, voxels.walled
-    squares = squared_distances(
-        voxels.mask,
-        frame.spacing,
-        periodic=periodic,
-        walled=walled,
-        progress=_part(progress, 0.0, 0.4),
-    )
+    if squares is None:
+        squares = squared_distances(
+            voxels.mask,
+            frame.spacing,
+            periodic=periodic,
+            walled=walled,
+            progress=_part(progress, 0.0, 0.4),
+        )
+    elif not np.array_equal(squares.values > 0, voxels.mask):
+        raise GridError("squares: got those of another body; wanted those of this phase")
     if squares.values.max() >= FAR:
         raise GridError(
             f"local thickness: all voxels are {phase}, which ends nowhere; wanted both phases"
         )
     balls = largest_balls(squares, periodic=periodic, progress=_part(progress, 0.4, 1.0))
     least = smallest(squares, balls, periodic=periodic, walled=walled)
-    sizes, shares = _distribution(balls, voxels.counted)
-    diameters = np.sqrt(balls, dtype=np.float32)
-    diameters *= np.float32(2 * squares.step)
+    found = tally(balls, voxels.counted, 2 * squares.step)
     return LocalThickness(
         frame,
-        adopted(diameters),
+        adopted(found.diameters),
         phase,
-        2 * squares.step * np.sqrt(sizes),
-        shares,
+        2 * squares.step * np.sqrt(found.squares),
+        found.counts / found.counts.sum(),
         2 * squares.step * math.sqrt(least) if math.isfinite(least) else math.nan,
         math.hypot(max(frame.spacing), 2 * grid.sampling_error),
     )
@@ -175,19 +178,6 @@ def _part(
     if progress is None:
         return None
     return lambda done, count: progress(METHOD, start + (stop - start) * done / count)
-
-
-def _distribution(balls: Numbers, counted: Bools) -> tuple[Floats, Floats]:
-    """Return the squares that occur among the voxels that count, and the part of these of each."""
-    chosen: NDArray[Any] = balls[counted]
-    if chosen.dtype.kind == "i":
-        counts = np.bincount(chosen)
-        values: NDArray[Any] = np.flatnonzero(counts)
-        counts = counts[values]
-    else:
-        # Sums of the same squares in another order differ in their last digits.
-        values, counts = np.unique(chosen.astype(np.float32), return_counts=True)
-    return values.astype(np.float64), counts / len(chosen)
 
 
 def thicknesses(local: LocalThickness) -> Measures:
