@@ -34,6 +34,7 @@ def inclinations(
     spacing: tuple[float, float, float],
     cosines: NDArray[np.float64],
     ends: NDArray[np.int64],
+    within: NDArray[np.int64],
     *,
     progress: Progress | None = None,
 ) -> NDArray[np.float64]:
@@ -52,6 +53,8 @@ def inclinations(
         float64, shape (n,), ascending from 0 to 1: bounds of the classes.
     ends
         int64, shape (3, 2): first and last layer along each axis.
+    within
+        int64, shape (3, 2): first and last voxel along each axis that faces are counted between.
     progress
         Called as ``progress(done, count)``; raising in it cancels.
 
@@ -66,10 +69,11 @@ def inclinations(
     found = np.zeros((count, 3, 3, 2, len(cosines) - 1))
     given, mask = source(smooth, np.float32), source(solid, np.bool_).view(np.uint8)
     edges, layers = source(cosines, np.float64), source(ends, np.int64)
+    box = source(within, np.int64)
     steps = np.array(spacing, np.float64)
 
     def work(a: int, b: int) -> None:
-        _faces(given, mask, steps, edges, layers, found[a // planes], a, b)
+        _faces(given, mask, steps, edges, layers, box, found[a // planes], a, b)
 
     slabs(len(smooth), planes, work, progress)
     return np.asarray(found.sum(axis=0))
@@ -104,13 +108,13 @@ def _class(cosines, value):
 
 
 @kernel
-def _faces(smooth, solid, steps, cosines, ends, found, first, last):
+def _faces(smooth, solid, steps, cosines, ends, within, found, first, last):
     nx, ny, nz = solid.shape
     normal = np.zeros(3)
     place = np.zeros(3, np.int64)
-    for i in range(first, last):
-        for j in range(ny):
-            for k in range(nz):
+    for i in range(max(first, within[0, 0]), min(last, within[0, 1] + 1)):
+        for j in range(within[1, 0], within[1, 1] + 1):
+            for k in range(within[2, 0], within[2, 1] + 1):
                 here = solid[i, j, k]
                 for axis in range(3):
                     x, y, z = i, j, k
@@ -121,6 +125,8 @@ def _faces(smooth, solid, steps, cosines, ends, found, first, last):
                     else:
                         z = k + 1 if k + 1 < nz else 0
                     if solid[x, y, z] == here:
+                        continue
+                    if x > within[0, 1] or y > within[1, 1] or z > within[2, 1]:
                         continue
                     size = 0.0
                     for b in range(3):

@@ -16,6 +16,7 @@ from porous.measures._chords import (
     wall_chord_mean,
 )
 from porous.measures._correlation import TwoPoint, correlation_length, two_point
+from porous.measures._drain_path import drain_path_length
 from porous.measures._fold import Journal, fold, tiles_of
 from porous.measures._hausdorff import hausdorff_distance
 from porous.measures._intercept import Intercepts, fabric, intercepts
@@ -112,6 +113,7 @@ __all__ = [
     "correlation_curves",
     "correlation_length",
     "cupped_volume",
+    "drain_path_length",
     "euler_number",
     "euler_number_26",
     "fabric",

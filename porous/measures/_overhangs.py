@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from porous.values import VoxelGrid
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
 
 METHOD = "voxel normals"
 
@@ -31,6 +32,10 @@ WIDTH = 1.5
 OFF = {True: 0.5, False: 5.0}
 """Degrees that a normal is off: root mean square over the worst plane there was, by whether the
 grid has solid shares between void and solid. Over planes of all directions it is 0.2 and 2."""
+
+LOST = 2.0
+"""What the plate and edges may cost, as a multiple of what half the resolution changes: an error in
+proportion to their size has 1, and it depends on how the body lies among the voxels."""
 
 TIE = 1e-6
 """What a cosine has to be above the limit's by: faces that are just at it are not below."""
@@ -83,7 +88,8 @@ def overhangs(
         Angle to the plate, in degrees, below which a face needs support.
     beyond
         What lies beyond sides of a grid that are not periodic: ``"void"``, so that these are
-        faces of the body; or ``"unknown"`` of what was cut out of a larger one.
+        faces of the body; or ``"unknown"`` of what was cut out of a larger one, where fills are
+        taken to go on as they are at the side, so that normals are bent within two voxels of it.
     progress
         Called as ``progress("overhangs", done)``; raising in it cancels.
 
@@ -92,8 +98,8 @@ def overhangs(
     Measures
         overhang_area_x_up, …, overhang_area_z_down, in ``unit`` squared, and
         overhang_share_x_up, …, part of the whole surface's area. None along periodic axes, nor
-        where there is no surface. The uncertainty is the difference to half the resolution, and
-        what normals may be off about the angle.
+        where there is no surface. The uncertainty is twice the difference to half the resolution,
+        and what normals may be off about the angle.
 
     Raises
     ------
@@ -126,9 +132,9 @@ def _rows(sample: Sample, fine: Inclined, coarse: Inclined | None) -> Iterator[M
         doubt, share = math.inf, math.inf
         if coarse is not None and coarse.total:
             there = coarse.below(direction, angle)
-            doubt = math.hypot(area - there, max(steps))
+            doubt = math.hypot(LOST * (area - there), max(steps))
             part = area / fine.total - there / coarse.total
-            share = math.hypot(part, max(steps) / fine.total)
+            share = math.hypot(LOST * part, max(steps) / fine.total)
         name = direction.name
         yield Measure(f"overhang_area_{name}", area, f"{unit}²", METHOD, doubt, "standard", "grid")
         yield Measure(
@@ -150,11 +156,7 @@ def _inclined(sample: Sample) -> Inclined:
     solid = sample.grid.solid
     if not solid.any():
         return Inclined(angles, np.zeros((6, len(angles) - 1)), 0.0)
-    smooth, mask = _smoothed(sample)
-    ends: NDArray[np.int64] = np.zeros((3, 2), np.int64)
-    for axis in range(3):
-        others = tuple(a for a in range(3) if a != axis)
-        ends[axis] = np.flatnonzero(mask.any(axis=others))[[0, -1]]
+    smooth, mask, within = _smoothed(sample)
     cosines = np.cos(np.radians(angles[::-1])) + TIE
     cosines[[0, -1]] = 0.0, 2.0
     found = inclinations(
@@ -162,7 +164,8 @@ def _inclined(sample: Sample) -> Inclined:
         mask,
         sample.frame.spacing,
         cosines,
-        ends,
+        _ends(mask, within),
+        within,
         progress=lambda done, count: sample.tell("overhangs", 0.5 + 0.5 * done / count),
     )[..., ::-1]
     areas = []
@@ -172,16 +175,17 @@ def _inclined(sample: Sample) -> Inclined:
     return Inclined(angles, np.array(areas), float(found[0, 0].sum()))
 
 
-def _smoothed(sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return smoothed fills and the solid voxels, with margins beside sides without period.
+def _smoothed(sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.bool_], Ints]:
+    """Return smoothed fills and the solid voxels with margins, and which voxels have faces.
 
-    Margins are void, or the sides' own voxels where nobody knows what lies beyond them.
+    Beside sides without period lie margins of void, so that sides are faces of the body; or of the
+    sides' own voxels where nobody knows what lies beyond them, and there nothing counts.
     """
     from scipy.ndimage import gaussian_filter1d
 
     from porous.kernels.normals import MARGIN
 
-    periodic = sample.frame.periodic
+    periodic, shape = sample.frame.periodic, sample.frame.shape
     around = [(0, 0) if wraps else (MARGIN, MARGIN) for wraps in periodic]
     known = sample.how.beyond == "void"
     fill = np.pad(sample.grid.fill, around, mode="constant" if known else "edge")
@@ -190,7 +194,23 @@ def _smoothed(sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         sample.tell("overhangs", axis / 6)
         mode = "wrap" if wraps else "constant" if known else "nearest"
         gaussian_filter1d(smooth, WIDTH, axis=axis, mode=mode, truncate=4.0, output=smooth)
-    return smooth, fill >= 128
+    within: Ints = np.array(
+        [
+            (0, n + 2 * a - 1) if known or not a else (a, a + n - 1)
+            for n, (a, _) in zip(shape, around, strict=True)
+        ]
+    )
+    return smooth, fill >= 128, within
+
+
+def _ends(mask: NDArray[np.bool_], within: Ints) -> Ints:
+    """Return the first and last layer along each axis that have a solid voxel within a box."""
+    box = mask[tuple(slice(a, b + 1) for a, b in within)]
+    ends: Ints = np.zeros((3, 2), np.int64)
+    for axis in range(3):
+        others = tuple(a for a in range(3) if a != axis)
+        ends[axis] = within[axis, 0] + np.flatnonzero(box.any(axis=others))[[0, -1]]
+    return ends
 
 
 def surface_overhangs(surface: SurfaceMesh, angle: float, method: str, of: str) -> Measures:

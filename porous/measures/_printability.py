@@ -9,6 +9,7 @@ import numpy as np
 
 from porous.errors import GridError, ModelError
 from porous.measures._build import Direction, directions_of, row
+from porous.measures._drain_path import grid_drain
 from porous.measures._islands import grid_islands
 from porous.measures._overhangs import Inclined, grid_overhangs, surface_overhangs
 from porous.measures._sample import Family, Findings, Sample
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 MOST = 256**3
 """Voxels that are looked at, at most; of larger grids coarser ones are."""
+
+MOST_WAYS = 192**3
+"""The same for the ways out of pores, which take longest."""
 
 CELLS = 10_000
 """Cells of a model whose exact boundary is made, at most: it takes seconds."""
@@ -84,7 +88,9 @@ def _take(sample: Sample) -> Findings:
     hanging, by_layer = grid_islands(within, directions)
     rows, curves = overhang + hanging, (*_by_angle(inclined, within, directions), *by_layer)
     if sample.has("pore") and has_outside(within):
-        rows += grid_cupped(within, directions) + Measures((grid_trapped(within),))
+        ways, lengths = grid_drain(sample.within(MOST_WAYS))
+        rows += grid_cupped(within, directions) + Measures((grid_trapped(within),)) + ways
+        curves += lengths
     notes = (*_coarser(sample, within), *_best(rows, directions))
     return found + Findings(rows + _exact(sample), curves, notes)
 
@@ -140,9 +146,16 @@ def _by_angle(
 
 
 def _coarser(sample: Sample, within: Sample) -> Iterator[str]:
+    """Say what is measured of coarser voxels."""
+    ways = sample.within(MOST_WAYS)
     if within is not sample:
-        size = " × ".join(map(str, within.frame.shape))
-        yield f"overhangs, islands and what stays in the pores are of a coarser grid, {size} voxels"
+        yield f"overhangs, islands and what stays in the pores are {_voxels(within)}"
+    if ways is not sample:
+        yield f"ways out of the pores are {_voxels(ways)}"
+
+
+def _voxels(sample: Sample) -> str:
+    return f"those of a coarser grid, {' × '.join(map(str, sample.frame.shape))} voxels"
 
 
 def _best(rows: Measures, directions: tuple[Direction, ...]) -> Iterator[str]:
