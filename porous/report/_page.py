@@ -65,11 +65,6 @@ def page(
     )
 
 
-def fragment(template: str, **given: Any) -> Markup:
-    """Return a piece of a page; every text is escaped."""
-    return Markup(_environment().get_template(template).render(**given))  # noqa: S704  (by jinja)
-
-
 def embedded(value: Any) -> Markup:
     """Return a value as JSON that may stand in a script element: nothing in it closes one."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))

@@ -6,15 +6,18 @@ import base64
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from markupsafe import Markup
+
 from porous import disk
 from porous.errors import ViewError
 from porous.models.model import HasNotes
 from porous.report._agreement import lines, verdict
 from porous.report._citation import citation
 from porous.report._doubts import doubts
-from porous.report._page import page
+from porous.report._page import page, text_of
 from porous.report._plots import plots
 from porous.report._provenance import provenance, title_of, told
+from porous.report._scene import FILES, scene, scene_html
 from porous.report._table import glossary, keys, methods_used, sections
 from porous.stages import voxelize
 from porous.values import SurfaceMesh, VoxelGrid
@@ -70,12 +73,14 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
     steps = _steps(result)
     origin = provenance(result, folder)
     drawn = plots(result.findings.curves)
+    viewer, scripts = _viewer(result)
     return page(
         "report.html",
         plots=drawn,
+        scripts=scripts,
         title=title_of(result),
         parts=_parts(has_plots=bool(drawn), has_steps=bool(steps)),
-        viewer="",
+        viewer=viewer,
         image=image,
         remark=remark,
         excuse=excuse,
@@ -92,6 +97,15 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
         glossary=glossary((*result.measures.names, *(plot.definition for plot in drawn))),
         methods=methods_used(result.measures),
     )
+
+
+def _viewer(result: Result) -> tuple[Markup, tuple[str, ...]]:
+    """Return a body to be turned, if there is one, and the scripts that turn it."""
+    body = scene(result)
+    if body is None:
+        return Markup(), ()
+    scripts = tuple(text_of(FILES[name]) for name in ("reading", "script"))
+    return Markup(scene_html(body)), scripts  # noqa: S704  (a template of the package)
 
 
 def _parts(*, has_plots: bool, has_steps: bool) -> list[tuple[str, str]]:

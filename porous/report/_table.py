@@ -101,22 +101,23 @@ def _known(measures: Measures) -> Iterator[Key]:
 
 def _key(measures: Measures, name: str, label: str) -> Key:
     taken = Measures(tuple(row for row in measures.all(name) if row.method != CLOSED))
-    formula = [row for row in measures.all(name) if row.method == CLOSED][:1]
-    row = taken[name] if len(taken) else formula[0]
-    beside = formula[0] if len(taken) and formula else None
+    formula = next((row for row in measures.all(name) if row.method == CLOSED), None)
+    row = taken[name] if len(taken) else None
+    answer = row or formula
+    assert answer is not None
     return Key(
         label=label,
         name=name,
-        value=number(row.value),
-        exactly=repr(row.value),
-        half=half_text(row),
-        half_exactly=repr(half_width(row)),
-        unit=unit_of(row),
-        method=row.method,
-        closed=number(formula[0].value) if formula else "—",
-        closed_exactly=repr(formula[0].value) if formula else NOTHING,
-        mark=compared(beside, row) if beside else "",
-        agrees=beside is None or agree(beside, row),
+        value=number(row.value) if row else "—",
+        exactly=repr(row.value) if row else NOTHING,
+        half=half_text(row) if row else "",
+        half_exactly=repr(half_width(row)) if row else NOTHING,
+        unit=unit_of(answer),
+        method=answer.method,
+        closed=number(formula.value) if formula else "—",
+        closed_exactly=repr(formula.value) if formula else NOTHING,
+        mark=compared(formula, row) if formula and row else "",
+        agrees=not (formula and row) or agree(formula, row),
     )
 
 
