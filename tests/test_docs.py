@@ -21,6 +21,7 @@ PAGE = (Path(__file__).parent.parent / "docs" / "measures.md").read_text(encodin
 NOT_MEASURES = {"COUNTED", "Census", "Journal", "box_counts", "fold", "measure", "tiles_of"}
 NOT_MEASURES |= {"Family", "Findings", "Sample", "Survey", "families", "survey"}
 NOT_MEASURES |= {"MercuryIntrusion", "mercury_intrusion", "percolation_diameters"}
+NOT_MEASURES |= {"PoreNetwork", "betti_numbers", "geometric_tortuosity", "pore_network"}
 NOT_MEASURES |= {"cupped_volume", "islands", "overhangs"}
 NOT_MEASURES |= {
     "ChordLengths",
@@ -97,6 +98,13 @@ def taken():
         rows += known.survey(body, how=cut_out, only=["sizes", "statistics"]).measures
     how = known.Survey(probe=0.4, smallest_wall=0.4, smallest_gap=0.4)
     rows += known.survey(grid, model=model, how=how, only=["printability"]).measures
+    for survey in (known.Survey(), cut_out):
+        found = known.survey(grid, model=model, how=survey, only=["topology", "tortuosity"])
+        rows += found.measures
+    joined = np.pad(np.zeros((7, 3, 3), bool), 1, constant_values=True)
+    joined[4], joined[4, 2, 2] = True, False
+    cavities = VoxelGrid.of_solid(joined, Frame((0, 0, 0), (1, 1, 1), joined.shape, unit="cm"))
+    rows += known.survey(cavities, only=["network"]).measures
     rows += [known.trapped_volume(grid)]
     rows += known.survey(grid, how=known.Survey(probe=0.4), only=["access"]).measures
     rows += [hausdorff_distance(grid, grid), hausdorff_distance(skin, rough, resolution=0.1)]

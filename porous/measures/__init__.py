@@ -3,6 +3,7 @@
 Measures of a grid are folds: counts of tiles that add up, and what follows from their sum.
 """
 
+from porous.measures._betti import betti_numbers, connectivity_density
 from porous.measures._blocks import OverBlocks, over_blocks
 from porous.measures._boxes import box_counts, box_dimension
 from porous.measures._census import Census
@@ -42,6 +43,7 @@ from porous.measures._model import (
     smallest_feature,
     smallest_pore,
 )
+from porous.measures._network import PoreNetwork, pore_network
 from porous.measures._overhangs import overhangs
 from porous.measures._pores import (
     closed_porosity,
@@ -79,6 +81,7 @@ from porous.measures._topology import (
     genus,
     genus_26,
 )
+from porous.measures._tortuosity import geometric_tortuosity
 from porous.measures._trapped import cupped_volume, trapped_volume
 from porous.measures._volume import volume
 
@@ -96,12 +99,14 @@ __all__ = [
     "LocalThickness",
     "MercuryIntrusion",
     "OverBlocks",
+    "PoreNetwork",
     "Sample",
     "Survey",
     "TwoPoint",
     "Variogram",
     "accessible_porosity",
     "affinity_dimension",
+    "betti_numbers",
     "box_counts",
     "box_dimension",
     "chord_curves",
@@ -110,6 +115,7 @@ __all__ = [
     "closed_porosity",
     "components",
     "components_26",
+    "connectivity_density",
     "correlation_curves",
     "correlation_length",
     "cupped_volume",
@@ -122,6 +128,7 @@ __all__ = [
     "fold",
     "genus",
     "genus_26",
+    "geometric_tortuosity",
     "hausdorff_distance",
     "height_map",
     "intercepts",
@@ -140,6 +147,7 @@ __all__ = [
     "overhangs",
     "percolation_diameters",
     "pore_chord_mean",
+    "pore_network",
     "porosity",
     "relative_density",
     "roughness",
