@@ -141,17 +141,22 @@ def _intercepts(sample: Sample) -> Intercepts | None:
 
 
 def _means(sample: Sample, found: Intercepts) -> Measures:
-    """Return the mean chords of both phases over all directions: twice their part by crossings.
+    """Return the area between the phases, and the mean chords of both over all directions.
 
-    Not of solid that ends at sides, where no line goes.
+    The area is twice the crossings by the length of lines, chords twice their part by crossings:
+    not those of solid that ends at sides, where no line goes, and nothing in a bulk that is no box.
     """
+    if sample.grid.bulk is not None:
+        return Measures()
     amounts = Amounts(sample.census)
     crossings, doubt = found.mean
+    volume = sample.frame.box.volume
+    area, unsure, unit = 2 * crossings * volume, 2 * doubt * volume, f"{found.unit}²"
+    rows = [Measure("interface_area", area, unit, LINES, unsure, "standard", "grid")]
     solid = amounts.solid / amounts.bulk
     parts = {"pore": 1 - solid}
     if sample.how.beyond == "unknown" or all(sample.frame.periodic):
         parts["solid"] = solid
-    rows = []
     for phase, part in parts.items():
         value = 2 * part / crossings
         spread = math.hypot(value * doubt / crossings, 2 * amounts.share_doubt / crossings)
@@ -162,13 +167,17 @@ def _means(sample: Sample, found: Intercepts) -> Measures:
 
 def _roses(found: Intercepts) -> tuple[Curve, ...]:
     """Return the mean intercept length by direction in the planes xy, xz and yz."""
-    return tuple(_rose(found, plane) for plane in ((0, 1), (0, 2), (1, 2)))
+    planes = ((0, 1), (0, 2), (1, 2))
+    return tuple(curve for plane in planes if (curve := _rose(found, plane)) is not None)
 
 
-def _rose(found: Intercepts, plane: tuple[int, int]) -> Curve:
+def _rose(found: Intercepts, plane: tuple[int, int]) -> Curve | None:
+    """Return those of a plane that are finite, if any."""
     first, second = plane
     inside = np.abs(found.directions[:, 3 - first - second]) < 1e-12
     inside &= found.crossings > 0
+    if not inside.any():
+        return None
     u, crossings = found.directions[inside], found.crossings[inside]
     angle = np.asarray(np.degrees(np.arctan2(u[:, second], u[:, first])) % 180, np.float64)
     order = np.argsort(angle)
