@@ -45,9 +45,17 @@ def colours(count: int = COUNT) -> NDArray[np.uint8]:
         rgb = _linear(light, middle, hue)
         inside = ((rgb >= 0) & (rgb <= 1)).all(axis=1)
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    rgb = np.clip(_linear(light, low, hue), 0, 1)
+    rgb = np.clip(_linear(light, _gentle(low), hue), 0, 1)
     bent = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
     return np.asarray(np.rint(255 * bent), np.uint8)
+
+
+def _gentle(chroma: Floats) -> Floats:
+    """Return chroma without sudden turns, nowhere more: the mean of what is least about."""
+    about = len(chroma) // 12
+    wide = np.pad(chroma, 2 * about, mode="edge")
+    least = np.lib.stride_tricks.sliding_window_view(wide, 2 * about + 1).min(axis=1)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(least, 2 * about + 1).mean(axis=1))
 
 
 def _linear(light: Floats, chroma: Floats, hue: Floats) -> Floats:

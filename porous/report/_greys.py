@@ -25,6 +25,9 @@ SLAB = 1 << 26
 HEAVY = 900_000
 """Bytes that the greys of a body may take, deflated."""
 
+LEVEL = 7
+"""How hard zlib tries."""
+
 SHADES = (1, 8, 16, 32)
 """Steps of grey that are tried, until the body takes no more."""
 
@@ -67,7 +70,7 @@ def _means(fill: Bytes, step: int) -> Bytes:
 def packed_greys(fill: Bytes) -> tuple[bytes, int]:
     """Return fills deflated, and how many shades apart they are told: more where they are heavy."""
     for step in SHADES:
-        deflated = zlib.compress(shades(fill, step).tobytes(), 9)
+        deflated = zlib.compress(shades(fill, step).tobytes(), LEVEL)
         if len(deflated) <= HEAVY:
             break
     return deflated, step

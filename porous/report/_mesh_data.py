@@ -35,8 +35,19 @@ COARSER = 1.2
 ASKED = 100_000
 """Points at which the way from one surface to the other is measured, besides the corners shown."""
 
+ROOM = 0.8
+"""The part of the triangles allowed from which on there is no room to split any."""
+
 STEPS = 65535
 """Steps of a coordinate along each edge of the box."""
+
+PATTERNS = (
+    ((0, 1, 2),),
+    ((0, 3, 2), (3, 1, 2)),
+    ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
+    ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+)
+"""Triangles of which none to three sides are halved: corners 0 … 2, middles of sides 3 … 5."""
 
 
 class Shown(NamedTuple):
@@ -100,7 +111,7 @@ def _planes(surface: SurfaceMesh, capped: NDArray[np.bool_]) -> Iterator[tuple[i
     """Yield axis and place of the planes that caps lie in."""
     assert surface.labels is not None
     for label in np.unique(surface.labels[capped]):
-        corners = surface.corners[capped & (surface.labels == label)].reshape(-1, 3)
+        corners = surface.points[surface.triangles[capped & (surface.labels == label)].ravel()]
         axis = int(np.ptp(corners, axis=0).argmin())
         yield axis, float(corners[:, axis].mean())
 
@@ -171,6 +182,60 @@ def _walls_first(
     for axis, place in planes:
         capped |= (np.abs(points[:, axis] - place) <= near)[triangles].all(axis=1)
     return np.argsort(capped, kind="stable"), int((~capped).sum())
+
+
+def split(shown: Shown, length: float, most: int = MOST) -> Shown:
+    """Return the same surface with its longest edges halved, so that colours can change along them.
+
+    Until none is longer than ``length``, or there would be more than ``most`` triangles.
+    """
+    points, triangles, walls = shown.points, shown.triangles, shown.walls
+    bound = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
+    while len(triangles) < ROOM * most:
+        finer = _halved(points, triangles, walls, max(bound, length))
+        if finer is not None and len(finer[1]) <= most:
+            points, triangles, walls = finer
+        elif finer is not None or bound <= length:
+            break
+        else:
+            bound /= 2
+    return shown._replace(points=points, triangles=triangles, walls=walls)
+
+
+def _halved(
+    points: Floats, triangles: Indices, walls: int, length: float
+) -> tuple[Floats, Indices, int] | None:
+    """Return triangles of which each edge longer than ``length`` is halved; None without any."""
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
+    low, high = sides.min(axis=2), sides.max(axis=2)
+    long = np.linalg.norm(points[low] - points[high], axis=2) > length
+    if not long.any():
+        return None
+    names, which = np.unique(low[long] * len(points) + high[long], return_inverse=True)
+    middle = np.full(triangles.shape, -1)
+    middle[long] = len(points) + which
+    ends = np.stack(np.divmod(names, len(points)))
+    count, pieces, kept = long.sum(axis=1), [], []
+    for halved, pattern in enumerate(PATTERNS):
+        rows = np.flatnonzero(count == halved)
+        turned = _turned(rows, triangles, middle, long)
+        pieces.append(turned[:, pattern].reshape(-1, 3))
+        kept.append(np.repeat(rows < walls, len(pattern)))
+    parts, is_wall = np.concatenate(pieces), np.concatenate(kept)
+    order = np.argsort(~is_wall, kind="stable")
+    return np.concatenate([points, points[ends].mean(axis=0)]), parts[order], int(is_wall.sum())
+
+
+def _turned(rows: Indices, triangles: Indices, middle: Indices, long: NDArray[np.bool_]) -> Indices:
+    """Return corners and middles of sides, shape (n, 6), turned so that the first side is halved.
+
+    Where two are, the second is the other.
+    """
+    mine = long[rows]
+    first = np.where(mine.sum(axis=1) == 2, (mine.argmin(axis=1) + 1) % 3, mine.argmax(axis=1))
+    turn = (first[:, None] + np.arange(3)) % 3
+    both = (np.take_along_axis(of[rows], turn, axis=1) for of in (triangles, middle))
+    return np.concatenate(list(both), axis=1)
 
 
 def _deviation(surface: SurfaceMesh, points: Floats, triangles: Indices) -> tuple[float, float]:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     Indices = NDArray[np.int64]
 
+LEVEL = 7
+"""How hard zlib tries."""
+
 
 def curve(places: NDArray[np.uint16]) -> Indices:
     """Return the order of places, shape (n, 3), along Morton's curve."""
@@ -64,4 +67,4 @@ def _planes(numbers: NDArray[Any]) -> bytes:
 
 def text(content: bytes) -> str:
     """Return bytes deflated, in base64."""
-    return base64.b64encode(zlib.compress(content, 9)).decode()
+    return base64.b64encode(zlib.compress(content, LEVEL)).decode()

@@ -19,7 +19,7 @@ from porous.errors import MemoryLimitError
 from porous.report import _packed
 from porous.report._colours import colours
 from porous.report._greys import FINEST, packed_greys, pooled
-from porous.report._mesh_data import STEPS, boundary_of, shown
+from porous.report._mesh_data import STEPS, boundary_of, shown, split
 from porous.report._page import embedded
 from porous.stages import extract_surface, voxelize
 from porous.values import SurfaceMesh, VoxelGrid
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from porous.measures import LocalThickness
     from porous.pipeline import Result
-    from porous.values import Box
+    from porous.values import Box, Frame
 
     Floats = NDArray[np.float64]
 
@@ -43,10 +43,16 @@ NOTHING = "There is no view to turn: neither solid voxels nor a mesh were made."
 MEDIUM = 256
 """Voxels along an edge of a grid whose surface is shown where memory does not hold that of all."""
 
+EDGE = 2.0
+"""Voxels between corners at most, if there is room, where these have colours."""
+
 NEAR = (1, 2)
 """So many voxels away along an axis a corner's own voxel is sought; further where it is not there.
 
 Corners lie on the surface, or little away from it."""
+
+TIE = 1e-9
+"""Squares of distances that differ by less, as a part, are the same."""
 
 
 FILES = {"reading": "viewer_data.js", "script": "viewer.js", "shaders": "viewer.glsl"}
@@ -131,8 +137,9 @@ class Scene(Value):
         """How much of the surface is shown, and how well."""
         count, full = len(self.triangles), self.full
         within = f"within {self.error:.2g} {self.unit}"
-        if count == full:
-            return f"Shown: all {_grouped(full)} triangles, {within}{self.remark}."
+        if count >= full:
+            finer = f", as {_grouped(count)} for their colours" if count > full else ""
+            return f"Shown: all {_grouped(full)} triangles{finer}, {within}{self.remark}."
         rest = _rest(self.missed)
         return (
             f"Shown: {_grouped(count)} of {_grouped(full)} triangles, {within}{rest}{self.remark}."
@@ -152,6 +159,8 @@ def scene(result: Result) -> Scene | None:
     if surface is result.surface:
         remark = ""
     part = shown(surface)
+    if result.maps:
+        part = split(part, EDGE * min(min(local.frame.spacing) for local in result.maps.values()))
     places, low, high = _quantised(part.points)
     order = _packed.curve(places)
     where = np.empty(len(order), np.int64)
@@ -244,7 +253,7 @@ def _thickness(
 def diameters_at(local: LocalThickness, points: Floats) -> Floats:
     """Return the diameter in the voxel of the phase that is nearest to each point; 0 where none is.
 
-    Points, shape (n, 3), are on its surface, or near it.
+    Points, shape (n, 3), are on its surface, or near it. Of voxels as near the widest tells.
     """
     frame = local.frame
     place = (points - frame.origin) / frame.spacing - frame.start
@@ -258,19 +267,34 @@ def diameters_at(local: LocalThickness, points: Floats) -> Floats:
 
 def _nearest(local: LocalThickness, place: Floats, reach: int) -> Floats:
     """Return the diameter in the nearest voxel of the phase, of those ``reach`` away at most."""
-    frame = local.frame
-    shape, wraps = np.array(frame.shape), np.array(frame.periodic)
-    own = np.floor(place).astype(np.int64)
+    axes = [dict(_steps(local.frame, place, axis, reach)) for axis in range(3)]
     best, sizes = np.full(len(place), math.inf), np.zeros(len(place))
     for offset in product(range(-reach, reach + 1), repeat=3):
-        voxel = own + np.array(offset)
-        square = (((voxel + 0.5 - place) * frame.spacing) ** 2).sum(axis=1)
-        inside = (wraps | ((voxel >= 0) & (voxel < shape))).all(axis=1)
-        i, j, k = np.clip(np.where(wraps, voxel % shape, voxel), 0, shape - 1).T
-        size = local.diameters[i, j, k]
-        better = inside & (size > 0) & (square < best)
+        along = [steps[step] for steps, step in zip(axes, offset, strict=True)]
+        square = along[0][1] + along[1][1] + along[2][1]
+        size = local.diameters[along[0][0], along[1][0], along[2][0]]
+        as_near = (square <= best * (1 + TIE)) & (size > sizes)
+        better = (size > 0) & np.isfinite(square) & (as_near | (square < best * (1 - TIE)))
         best[better], sizes[better] = square[better], size[better]
     return sizes
+
+
+def _steps(
+    frame: Frame, place: Floats, axis: int, reach: int
+) -> Iterator[tuple[int, tuple[NDArray[np.int64], Floats]]]:
+    """Yield steps along an axis, the voxels there and the squares of their distances from places.
+
+    They are infinite beyond the frame, but where it goes on in copies of itself.
+    """
+    count, own = frame.shape[axis], np.floor(place[:, axis]).astype(np.int64)
+    for step in range(-reach, reach + 1):
+        voxel = own + step
+        square = ((voxel + 0.5 - place[:, axis]) * frame.spacing[axis]) ** 2
+        if frame.periodic[axis]:
+            yield step, (voxel % count, square)
+        else:
+            inside = (voxel >= 0) & (voxel < count)
+            yield step, (np.clip(voxel, 0, count - 1), np.where(inside, square, math.inf))
 
 
 def scene_html(scene: Scene) -> str:

@@ -54,7 +54,7 @@ float open(vec3 normal) {
   for (int i = 0; i < 4; i++) {
     float off = 1.5 * exp2(float(i));
     float found = grey(point + normal * off * voxel, float(i));
-    closed += found < 0.0 ? 0.0 : (pores ? 1.0 - found : found) * (0.36 - 0.06 * float(i));
+    closed += found < 0.0 ? 0.0 : (gl_FrontFacing ? found : 1.0 - found) * (0.36 - 0.06 * float(i));
   }
   return 1.0 - min(closed, 0.8);
 }
@@ -66,9 +66,9 @@ void main() {
   float known = pores ? width.y : width.x;
   vec3 base = coloured && known > 0.0 ? texture(scale, vec2((known * 65535.0 - 1.0) / 65534.0, 0.5)).rgb : plain;
   if (coloured && known == 0.0) base = vec3(0.75);
-  if (known > 0.0 && known < limit && fract((gl_FragCoord.x + gl_FragCoord.y) / (7.0 * pixel)) < 0.5)
+  if (known > 0.0 && known < limit && fract((gl_FragCoord.x + gl_FragCoord.y) / (9.0 * pixel)) < 0.36)
     base = vec3(0.87, 0.05, 0.40);
-  if (hidden) base *= pores ? 0.8 : 0.45;
+  if (hidden) base *= pores ? 0.72 : 0.45;
   vec3 n = vec3(dot(normal, right), dot(normal, up), dot(normal, back));
   float light = 0.50 + 0.14 * n.y + 0.10 * normal.z;
   light += 0.34 * max(dot(n, normalize(vec3(-0.5, 0.75, 0.85))), 0.0) + 0.14 * max(n.z, 0.0);
@@ -92,7 +92,7 @@ out vec4 colour;
 void main() {
   float fill = grey(point, 0.0);
   if (fill < 0.0 || (cutting && (fill < 0.5 || !removed(point, own)))) discard;
-  colour = vec4(vec3(0.08 + 0.84 * fill), 1.0);
+  colour = vec4(vec3(0.10 + 0.66 * fill), 1.0);
 }
 //: line-vertex
 layout(location = 0) in vec3 begin;

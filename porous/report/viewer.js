@@ -16,7 +16,6 @@
   };
 
   const AXES = ["x", "y", "z"];
-  const PHASES = ["solid", "pore"];
   const VIEWS = { reset: [0.64, 0.43], front: [0, 0], side: [Math.PI / 2, 0], top: [0, Math.PI / 2] };
   const FIELD = 2.6; // how much narrower the view is than far
   const STEPS = 65535;
@@ -241,7 +240,7 @@
 
   // --- what the reader does ------------------------------------------------------------------
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const home = () => 2.75 * Math.max(1, canvas.clientHeight / canvas.clientWidth);
+  const home = () => 2.95 * Math.max(1, canvas.clientHeight / canvas.clientWidth);
 
   const turnBy = (turn, rise) => {
     camera.turn += turn;
@@ -314,8 +313,8 @@
       part(`${axis}-is`).textContent = `${short(place)} ${data.unit}`;
       part(`${axis}-at`).disabled = !checked(axis);
     });
-    PHASES.forEach((phase) => {
-      const shown = checked(phase === "pore" ? "pores" : "surface") && data.values[phase];
+    Object.keys(data.values).forEach((phase) => {
+      const shown = checked(phase === "pore" ? "pores" : "surface");
       part(`bar-${phase}`).hidden = !shown || !checked("colour");
       part(`thin-${phase}`).hidden = !shown || !checked("marks") || data.values[phase].limit === null;
     });
