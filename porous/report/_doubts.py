@@ -36,9 +36,11 @@ def doubts(result: Result) -> tuple[str, ...]:
 
 def _of_conflicts(result: Result) -> Iterator[str]:
     for best, other in conflicts(result.measures):
+        chance = "standard" in (best.kind, other.kind)
         yield (
             f"{other.name} by {other.method} of the {other.of} is {_shown(other)}, which "
-            f"contradicts {_shown(best)} by {best.method} of the {best.of}."
+            f"contradicts {_shown(best)} by {best.method} of the {best.of}"
+            f"{'; one in twenty does so by chance' if chance else ''}."
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -74,14 +75,20 @@ def plots(curves: Iterable[Curve]) -> tuple[Plot, ...]:
     for curve in curves:
         axes = (curve.x_name, curve.x_unit, curve.y_name, curve.y_unit, curve.log)
         together.setdefault((curve.name, *axes), []).append(curve)
-    return tuple(_plot(lines, place) for place, lines in enumerate(together.values(), 1))
+    named = Counter(name for name, *_ in together)
+    return tuple(
+        _plot(lines, place, alone=named[lines[0].name] == 1)
+        for place, lines in enumerate(together.values(), 1)
+    )
 
 
-def _plot(lines: Sequence[Curve], place: int) -> Plot:
+def _plot(lines: Sequence[Curve], place: int, *, alone: bool) -> Plot:
     first = lines[0]
     shown = [thinned(line, DRAWN_POINTS) for line in lines]
     rows, remark = _rows(lines)
     title = first.name.replace("_", " ")
+    if not alone:  # others have its name, and other axes
+        title += f", {axis(first.y_name, first.y_unit)} over {axis(first.x_name, first.x_unit)}"
     known = definition(first.name)
     return Plot(
         key=f"plot-{place}-{re.sub('[^a-z0-9]+', '-', first.name.casefold()).strip('-')}",
@@ -216,7 +223,7 @@ def _layout(first: Curve) -> dict[str, Any]:
     x, y = axis(first.x_name, first.x_unit), axis(first.y_name, first.y_unit)
     return {
         "autosize": True,
-        "height": 400,
+        "height": 340,
         "margin": {"l": 70, "r": 20, "t": 20, "b": 60},
         "font": {"family": 'system-ui, "DejaVu Sans", sans-serif', "size": 14, "color": "#1d1d1d"},
         "paper_bgcolor": "#fff",
