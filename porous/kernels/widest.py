@@ -60,6 +60,9 @@ SHARED = 7
 TURNS = 27
 """Ways to be a period off the grid, or none, along each axis."""
 
+EACH = 22
+"""Passes at a voxel, at most: to 13 neighbours, to three sides and to six ends."""
+
 
 class Ways(NamedTuple):
     """The widest ways through a mask.
@@ -243,7 +246,7 @@ def _passes(
 ) -> Passes:
     """Return where slopes of two peaks meet and what they come to, each at its highest level."""
     planes, told = _planes(ranks.shape), source(peaks, peaks.dtype)
-    room = PASSES + 13 * ranks.shape[2]
+    room = PASSES + EACH * ranks.shape[2]
     found: dict[int, list[Passes]] = {}
 
     def look(a: int, b: int) -> None:
@@ -366,7 +369,7 @@ def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
     nx, ny, nz = ranks.shape
     stop, i, j = SLOTS, place[0], place[1]
     nodes = count + SHARED
-    while i < last and stop < SLOTS + PASSES:
+    while i < last and stop + EACH * nz <= len(keys):
         for k in range(nz):
             own = peaks[i, j, k]
             if own == SOLID:
