@@ -104,6 +104,7 @@ def known_surface(radius):
     return 3 * ETA / radius * math.exp(-ETA)
 
 
+@pytest.mark.slow
 def test_a_sample_says_how_far_another_one_may_differ():
     """Standard errors by blocks are those that samples have among each other."""
     shape, radius = (50, 48, 52), 2.5

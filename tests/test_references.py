@@ -265,6 +265,7 @@ def test_struts_along_diagonals_begin_with_four_cylinders():
 # --- the Boolean model: percolation, and what voxels cannot tell of it ---------------------
 
 
+@pytest.mark.slow
 def test_pores_between_balls_percolate_as_long_as_they_should():
     """They do until η = 3.51 (Rintoul 2000); a box of 16 radii smears that."""
     radius, n = 4.0, 64

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_chords import centres, grid_of, overlapping
 
@@ -53,6 +53,7 @@ def naive_changes(codes, step, periodic):
 STEPS = np.array([(0, 0, 1), (1, -2, 0), (2, 1, -2), (-2, 2, 1), (0, 0, 6), (4, -6, 6), (0, 3, 0)])
 
 
+@settings(max_examples=40)
 @given(
     st.integers(0, 10**6),
     st.sampled_from([ALL, NONE, (True, False, True), (False, True, False)]),
@@ -339,3 +340,30 @@ def test_larger_grids_are_looked_at_with_fewer_voxels(body, monkeypatch):
     curves = correlation_curves(two_point(Sample(body).coarse.grid, longest=48 * 0.2 / 3))
     (told,) = (c for c in found.curves if c.series == "all directions")
     assert told == curves[0]
+
+
+@settings(max_examples=40)
+@given(
+    st.integers(0, 10**6),
+    st.tuples(*(st.sampled_from([1, 2, 5, 8, 9, 16]),) * 3),
+    st.sampled_from([ALL, NONE, (True, False, True)]),
+    st.sampled_from(["void", "unknown"]),
+    st.sampled_from([0.0, 0.02, 0.5, 0.98, 1.0]),
+    st.booleans(),
+)
+def test_any_body_gives_numbers_or_none(seed, shape, periodic, beyond, share, has_bulk):
+    random = np.random.default_rng(seed)
+    grid = grid_of(random.random(shape) < share, (1.0, 0.7, 1.3), periodic)
+    if has_bulk:
+        bulk = np.full(shape, 255, np.uint8)
+        bulk[: shape[0] // 2] = 0
+        grid = replace(grid, bulk=bulk)
+    found = survey(grid, how=Survey(beyond=beyond), only=["sizes", "statistics"])
+    for row in found.measures:
+        assert not math.isnan(row.value), row
+        assert not math.isnan(row.uncertainty), row
+    assert len({(row.name, row.method) for row in found.measures}) == len(found.measures)
+    for curve in found.curves:
+        for numbers in (curve.x, curve.y, curve.low, curve.high):
+            assert numbers is None or np.isfinite(numbers).all(), curve.name
+    assert len({(curve.name, curve.series) for curve in found.curves}) == len(found.curves)

@@ -201,15 +201,10 @@ def _rose(found: Intercepts, plane: tuple[int, int]) -> Curve | None:
 
 def _pairs(sample: Sample, lines: Intercepts | None) -> Findings:
     less = sample.within(MOST)
-    if not less.has_both or min(less.frame.shape) < 2 * PART:
-        return Findings()
     found = _two_point(less)
-    if not 0 < found.values[0] < 1:  # a bulk within one phase
+    if found is None:
         return Findings()
-    coarse = None if less.coarse is None else _two_point(less.coarse)
-    if coarse is not None and not 0 < coarse.values[0] < 1:
-        coarse = None
-    row = correlation_length(found, coarse)
+    row = correlation_length(found, None if less.coarse is None else _two_point(less.coarse))
     notes = () if less is sample else (_noted("Pairs of points and boxes", less),)
     rows = Measures((row,))
     if sample.how.beyond == "unknown":
@@ -218,8 +213,11 @@ def _pairs(sample: Sample, lines: Intercepts | None) -> Findings:
     return Findings(rows, correlation_curves(found, surface), notes)
 
 
-def _two_point(sample: Sample) -> TwoPoint:
-    return two_point(sample.grid, longest=min(sample.frame.box.lengths) / PART)
+def _two_point(sample: Sample) -> TwoPoint | None:
+    if not sample.has_both or min(sample.frame.shape) < 2 * PART:
+        return None
+    found = two_point(sample.grid, longest=min(sample.frame.box.lengths) / PART)
+    return found if 0 < found.values[0] < 1 else None  # else the bulk lies within one phase
 
 
 def _noted(what: str, sample: Sample) -> str:
