@@ -25,6 +25,7 @@ from porous.measures import (
     thin_wall_share,
     trapped_volume,
 )
+from porous.measures._overhangs import OFF, _inclined
 from porous.stages import extract_surface
 from porous.values import Frame, SurfaceMesh, VoxelGrid
 
@@ -312,6 +313,39 @@ def test_a_tilted_plate_hangs_over_at_less_than_its_angle(angle):
     # Beyond sides the fills go on as they are, so that normals near these are bent.
     assert few.value <= min(0.1 * area, few.uncertainty)
     assert area - 1.5 * lowest - 0.01 <= many.value <= 1.01 * area
+
+
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("normal", [(1, 0, 2), (1, 2, 2), (2, 1, 3), (3, 1, 1)])
+def test_normals_of_planes_are_off_by_what_is_said(normal, binary):
+    n, (a, b, c) = 40, normal
+    grid = sampled(lambda x, y, z: (a * x + b * y + c * z) % n < n / 2, (n, n, n), (1, 1, 1))
+    fill = np.where(grid.solid, np.uint8(255), np.uint8(0)) if binary else grid.fill
+    frame = Frame((0, 0, 0), (1, 1, 1), grid.frame.shape, (True, True, True))
+    found = _inclined(Sample(VoxelGrid(frame, fill)))
+    length = math.sqrt(a * a + b * b + c * c)
+    assert found.total == pytest.approx(2 * length * n * n, rel=0.005)
+    middles = (found.angles[1:] + found.angles[:-1]) / 2
+    for areas, axis in zip(found.areas, np.repeat(normal, 2), strict=True):
+        angle = math.degrees(math.acos(axis / length))
+        if angle < 85:
+            square = (areas * (middles - angle) ** 2).sum() / areas.sum()
+            assert square <= OFF[not binary] ** 2 + 0.5**2  # classes are a degree wide
+            assert areas.sum() == pytest.approx(found.total / 2 * (1 - 1 / n), rel=0.006)
+
+
+@pytest.mark.parametrize("angle", [25, 35])
+def test_binary_voxels_know_angles_to_some_degrees(angle):
+    smooth = tilted(angle)
+    grid = VoxelGrid.of_solid(smooth.solid, smooth.frame)
+    area = 2 / math.cos(math.radians(angle))
+    few, some, many = (
+        overhangs(grid, overhang=a, beyond="unknown")["overhang_area_z_up"]
+        for a in (angle - 10, angle, angle + 10)
+    )
+    assert few.value <= 0.1 * area
+    assert many.value >= 0.92 * area
+    assert some.uncertainty > 0.3 * area
 
 
 def test_just_at_the_limit_nobody_knows():
@@ -642,5 +676,9 @@ def test_work_is_told_and_may_be_cancelled():
 
 def test_memory_is_asked_for_first(monkeypatch):
     monkeypatch.setenv("POROUS_MAX_MEMORY", "1K")
+    grid = grid_of(stalactite())
     with pytest.raises(MemoryLimitError, match="probe's flood"):
-        trapped_volume(grid_of(stalactite()), probe=0.5)
+        trapped_volume(grid, probe=0.5)
+    for take in (overhangs, islands, cupped_volume, drain_path_length):
+        with pytest.raises(MemoryLimitError, match="16 × 8 × 12 voxels would need"):
+            take(grid)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from porous.errors import GridError, nearest
+from porous.memory import check_memory
 from porous.values import Measure
 
 if TYPE_CHECKING:
@@ -99,6 +100,12 @@ def paired(
 def row(name: str, value: float, unit: str, method: str, doubt: float) -> Measure:
     """Return a measure of a grid with its standard uncertainty."""
     return Measure(name, value, unit, method, doubt, "standard", "grid")
+
+
+def check_room(frame: Frame, each: float, what: str) -> None:
+    """Raise ``MemoryLimitError`` where there are not so many bytes for each voxel."""
+    size = " × ".join(map(str, frame.shape))
+    check_memory(frame.size * each, f"{what} of {size} voxels", "Use fewer voxels, or a part.")
 
 
 def angle_of(overhang: float) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.measures._build import row
+from porous.measures._build import check_room, row
 from porous.measures._sample import Sample
 from porous.measures._trapped import has_outside
 from porous.values import Curve, Measures
@@ -22,6 +22,9 @@ METHOD = "fast marching"
 
 NAMES = {"drain_path_length": 1.0, "drain_path_length_p95": 0.95}
 """Rows, and the part of the pores' volume from which the way out is no longer."""
+
+EACH = 20.0
+"""Bytes per voxel that ways out take."""
 
 POINTS = 100
 """Parts of the volume that the curve tells."""
@@ -81,6 +84,7 @@ def _lengths(sample: Sample) -> NDArray[np.float32]:
     grid, frame = sample.grid, sample.frame
     if not has_outside(sample):
         return np.zeros(0, np.float32)
+    check_room(frame, EACH, "drain paths")
     void = ~grid.solid
     outside = None if grid.bulk is None else void & (grid.bulk < 128)
     lengths = lengths_out(

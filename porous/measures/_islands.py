@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.measures._build import Direction, angle_of, directions_named, paired, row
+from porous.measures._build import Direction, angle_of, check_room, directions_named, paired, row
 from porous.measures._sample import Sample, Survey
 from porous.values import Curve, Measures
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from porous.values import Frame, VoxelGrid
 
 METHOD = "voxel layers"
+
+EACH = 3.0
+"""Bytes per voxel that layers in their order take."""
 
 
 def islands(
@@ -62,6 +65,8 @@ def islands(
     GridError
         For an unknown direction or one along a periodic axis, or an angle that is not between 0
         and 90°.
+    MemoryLimitError
+        Where there is too little memory.
     """
     how = Survey(overhang=angle_of(overhang))
     directions = directions_named(direction, grid.frame)
@@ -72,6 +77,7 @@ def grid_islands(
     sample: Sample, directions: Sequence[Direction]
 ) -> tuple[Measures, tuple[Curve, ...]]:
     """Return the rows of a grid, and islands by height."""
+    check_room(sample.frame, EACH, "islands")
     rows, curves = [], []
     voxel, unit = sample.frame.voxel_volume, f"{sample.frame.unit}³"
     for place, direction in enumerate(directions):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from porous.errors import GridError
-from porous.measures._build import DIRECTIONS, Direction, angle_of, directions_of
+from porous.measures._build import DIRECTIONS, Direction, angle_of, check_room, directions_of
 from porous.measures._phase import BEYOND
 from porous.measures._sample import Sample, Survey
 from porous.values import Measure, Measures, SurfaceMesh
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
 
 METHOD = "voxel normals"
+
+EACH = 8.0
+"""Bytes per voxel that smoothed fills take."""
 
 WIDTH = 1.5
 """Standard deviation, in voxels, of the Gaussian that fills are smoothed with."""
@@ -105,6 +108,8 @@ def overhangs(
     ------
     GridError
         For an angle that is not between 0 and 90°, or an unknown ``beyond``.
+    MemoryLimitError
+        Where there is too little memory.
     """
     angle = angle_of(overhang)
     if isinstance(subject, SurfaceMesh):
@@ -185,6 +190,7 @@ def _smoothed(sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.bool_], I
 
     from porous.kernels.normals import MARGIN
 
+    check_room(sample.frame, EACH, "overhangs")
     periodic, shape = sample.frame.periodic, sample.frame.shape
     around = [(0, 0) if wraps else (MARGIN, MARGIN) for wraps in periodic]
     known = sample.how.beyond == "void"

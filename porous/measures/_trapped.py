@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import GridError
-from porous.measures._build import Direction, directions_named, paired, row
+from porous.measures._build import Direction, check_room, directions_named, paired, row
 from porous.measures._sample import Sample, Survey
 from porous.memory import check_memory
 from porous.values import Measure, Measures
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
 
 FLOOD, PROBE = "voxel flood", "probe flood"
+
+CUPS = 8.0
+"""Bytes per voxel that layers in their order and runs of void take."""
 
 EACH = 24.0
 """Bytes per voxel that a probe's flood takes, of the grid and a margin as wide as the probe."""
@@ -98,6 +101,8 @@ def cupped_volume(
     ------
     GridError
         For an unknown direction or one along a periodic axis.
+    MemoryLimitError
+        Where there is too little memory.
     """
     directions = directions_named(direction, grid.frame)
     return grid_cupped(Sample(grid, progress=progress), directions)
@@ -105,6 +110,7 @@ def cupped_volume(
 
 def grid_cupped(sample: Sample, directions: Sequence[Direction]) -> Measures:
     """Return the cups of a grid."""
+    check_room(sample.frame, CUPS, "cupped volume")
     rows, unit = [], f"{sample.frame.unit}³"
     kinds = {id(of): _kinds(of) for of in (sample, sample.coarse) if of is not None}
     for place, direction in enumerate(directions):
