@@ -41,12 +41,15 @@ NOT_MEASURES |= {
     "intercepts",
     "size_curves",
     "sizes",
+    "generalised_dimensions",
+    "gliding_boxes",
     "height_map",
     "line_probes",
     "local_thickness",
     "over_blocks",
     "roughness",
     "roughness_of_sides",
+    "succolarity",
     "thicknesses",
     "two_point",
     "variogram",
@@ -86,6 +89,7 @@ def taken():
     rows += [*measure(bumpy), *measure(voxelize(bumpy, voxels=48), model=bumpy)]
     rows += [finest_printable_level(model, feature=0.1)]
     rows += known.line_probes(model, lines=50)
+    rows += known.survey(grid, only=["fractal"]).measures
     rows += [known.pore_chord_mean(grid), known.wall_chord_mean(grid)]
     for phase in ("pore", "solid"):
         rows += [*known.thicknesses(known.local_thickness(grid, phase=phase))]

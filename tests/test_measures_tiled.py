@@ -543,7 +543,8 @@ def test_covers_of_attractors_have_their_dimension(name):
     model = build(load(name, set={"model.level": "limit", "model.contacts": "apart"}))
     row = measures.box_dimension(voxelize(model, voxels=60, sampling="cover"))
     wanted = measures.similarity_dimension(model).value
-    assert abs(row.value - wanted) <= 2 * row.uncertainty < 1.2
+    # Of four sizes: Student's factor is 2.2.
+    assert abs(row.value - wanted) <= 2 * row.uncertainty < 1.6
 
 
 @pytest.mark.parametrize("base", [2, 5])

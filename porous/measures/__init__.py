@@ -19,6 +19,12 @@ from porous.measures._chords import (
 from porous.measures._correlation import TwoPoint, correlation_length, two_point
 from porous.measures._drain_path import drain_path_length
 from porous.measures._fold import Journal, fold, tiles_of
+from porous.measures._fractal import (
+    generalised_dimensions,
+    gliding_boxes,
+    lacunarity,
+    succolarity,
+)
 from porous.measures._hausdorff import hausdorff_distance
 from porous.measures._intercept import Intercepts, fabric, intercepts
 from porous.measures._intrusion import (
@@ -126,14 +132,17 @@ __all__ = [
     "families",
     "finest_printable_level",
     "fold",
+    "generalised_dimensions",
     "genus",
     "genus_26",
     "geometric_tortuosity",
+    "gliding_boxes",
     "hausdorff_distance",
     "height_map",
     "intercepts",
     "interface_area",
     "islands",
+    "lacunarity",
     "largest_aspect_ratio",
     "largest_dihedral_angle",
     "largest_edge_ratio",
@@ -160,6 +169,7 @@ __all__ = [
     "smallest_pore",
     "smallest_scaled_jacobian",
     "specific_surface_area",
+    "succolarity",
     "surface_area",
     "survey",
     "thicknesses",

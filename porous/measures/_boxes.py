@@ -34,6 +34,9 @@ LEAST = 8
 POINTS = 3
 """Sizes that a fit has at least: two have no residual to tell an uncertainty from."""
 
+NORMAL = 1.96
+"""So many standard uncertainties either way hold 95 % of all draws, if there are many of them."""
+
 
 class BoxCounts(NamedTuple):
     """Edges of boxes in voxels, and how many boxes of each size hold a solid voxel, int64 (n,)."""
@@ -134,20 +137,51 @@ def _counted(census: Census, base: int | None = None) -> BoxCounts:
     return BoxCounts(np.array(count.sizes(shape)), totals)
 
 
-def _dimension(census: Census, base: int | None = None) -> Measure:
-    found = _counted(census, base)
+class BoxFit(NamedTuple):
+    """A line through the first ``window`` box counts: log N = −slope · log size + height."""
+
+    slope: float
+    doubt: float
+    height: float
+    window: int
+
+
+def fitted(found: BoxCounts) -> BoxFit:
+    """Return the line through box counts from one voxel up to the last size of ``LEAST`` boxes.
+
+    Raises
+    ------
+    GridError
+        Where nothing is solid, or there are fewer than ``POINTS`` sizes.
+    """
     if not found.counts[0]:
         raise GridError("box_dimension: the grid has no solid voxel; wanted a set with points")
-    most = max(POINTS, int((found.counts >= LEAST).sum()))
     if len(found.sizes) < POINTS:
         raise GridError(
-            f"box_dimension: got a grid of {census.frame.shape} voxels, with boxes of "
-            f"{', '.join(map(str, found.sizes))}; wanted {POINTS} sizes at least"
+            f"box_dimension: got a grid with boxes of {', '.join(map(str, found.sizes))} voxels; "
+            f"wanted {POINTS} sizes at least"
         )
+    most = max(POINTS, int((found.counts >= LEAST).sum()))
     x = [-math.log(size) for size in found.sizes[:most].tolist()]
     y = [math.log(count) for count in found.counts[:most].tolist()]
     slope, doubt = line(x, y)
-    return Measure("box_dimension", slope, "1", METHOD, doubt, "standard", "grid")
+    height = (math.fsum(y) - slope * math.fsum(x)) / most
+    return BoxFit(slope, doubt * student(most - 2), height, most)
+
+
+def student(freedom: int) -> float:
+    """Return by how much a spread that so few points tell is to be widened.
+
+    ``NORMAL`` times the product holds 95 % then (Student 1908).
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.975)) / NORMAL
+
+
+def _dimension(census: Census, base: int | None = None) -> Measure:
+    fit = fitted(_counted(census, base))
+    return Measure("box_dimension", fit.slope, "1", METHOD, fit.doubt, "standard", "grid")
 
 
 def line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
@@ -210,7 +244,8 @@ def box_dimension(grid: Tiled, *, base: int | None = None) -> Measure:
     -------
     Measure
         The uncertainty is the slope's standard error, or the standard deviation of the slopes
-        between neighbouring sizes where that is more. Boxes finer than the smallest detail of a
+        between neighbouring sizes where that is more, times Student's factor for so few sizes:
+        1.96 of it either way are a 95 % interval. Boxes finer than the smallest detail of a
         prefractal see a body of dimension 3, which widens the uncertainty; what was sampled is not
         asked.
 
