@@ -47,9 +47,12 @@ EDGE = 2.0
 """Voxels between corners at most, if there is room, where these have colours."""
 
 NEAR = (1, 2)
-"""So many voxels away along an axis a corner's own voxel is sought; further where it is not there.
+"""So many voxels away a corner's own voxel is sought; further where it is not there.
 
 Corners lie on the surface, or little away from it."""
+
+FARTHEST = 5
+"""Voxels along any axis; few grids have edges that differ so much."""
 
 TIE = 1e-9
 """Squares of distances that differ by less, as a part, are the same."""
@@ -136,7 +139,7 @@ class Scene(Value):
     def caption(self) -> str:
         """How much of the surface is shown, and how well."""
         count, full = len(self.triangles), self.full
-        within = f"within {self.error:.2g} {self.unit}"
+        within = f"within {_plain(self.error)} {self.unit}"
         if count >= full:
             finer = f", as {_grouped(count)} for their colours" if count > full else ""
             return f"Shown: all {_grouped(full)} triangles{finer}, {within}{self.remark}."
@@ -266,10 +269,15 @@ def diameters_at(local: LocalThickness, points: Floats) -> Floats:
 
 
 def _nearest(local: LocalThickness, place: Floats, reach: int) -> Floats:
-    """Return the diameter in the nearest voxel of the phase, of those ``reach`` away at most."""
-    axes = [dict(_steps(local.frame, place, axis, reach)) for axis in range(3)]
+    """Return the diameter in the nearest voxel of the phase, of those ``reach`` away at most.
+
+    That is counted in the longest edges of voxels.
+    """
+    spacing = local.frame.spacing
+    reaches = [min(math.ceil(reach * max(spacing) / h - 1e-9), FARTHEST) for h in spacing]
+    axes = [dict(_steps(local.frame, place, axis, n)) for axis, n in enumerate(reaches)]
     best, sizes = np.full(len(place), math.inf), np.zeros(len(place))
-    for offset in product(range(-reach, reach + 1), repeat=3):
+    for offset in product(*axes):
         along = [steps[step] for steps, step in zip(axes, offset, strict=True)]
         square = along[0][1] + along[1][1] + along[2][1]
         size = local.diameters[along[0][0], along[1][0], along[2][0]]
@@ -381,6 +389,13 @@ def _data(scene: Scene) -> dict[str, Any]:
             "bytes": base64.b64encode(deflated).decode(),
         }
     return data
+
+
+def _plain(length: float) -> str:
+    """Return a small length rounded up to two figures, without an exponent where it is readable."""
+    digits = 1 - math.floor(math.log10(length)) if length > 0 else 0
+    up = math.ceil(length * 10.0**digits) / 10.0**digits
+    return f"{up:.{max(digits, 0)}f}" if digits < 9 else f"{up:.1e}"
 
 
 def _grouped(count: int) -> str:
