@@ -135,7 +135,9 @@ def _intercepts(sample: Sample) -> Intercepts | None:
     if not sample.has_both or min(sample.frame.shape) < LEAST:
         return None
     try:
-        return intercepts(sample.grid)
+        return intercepts(
+            sample.grid, progress=lambda done, count: sample.tell(NAME, 0.25 + 0.25 * done / count)
+        )
     except GridError:  # a bulk within one phase
         return None
 
