@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, label
 
 from porous.errors import Cancelled, GridError, MemoryLimitError
 from porous.kernels.distance import squared_distances
@@ -138,6 +138,18 @@ def test_ways_and_balls_from_outside_are_those_of_brute_force(spacing, periodic)
         assert found == pytest.approx(
             naive_balls(wanted, squares.weights, periodic), rel=1e-12, abs=0
         )
+
+
+@pytest.mark.parametrize("spacing", SPACINGS)
+def test_places_that_a_ball_comes_to_are_labels_that_touch_a_side(spacing):
+    mask = noise((30, 26, 28), 6, 2.0, 0.6)
+    squares = squared_distances(mask, spacing)
+    ways, sides = ways_in(squares), sides_of(mask.shape, (False, False, False))
+    for square in np.unique(squares.values[mask])[::5]:
+        labels, _ = label(squares.values >= square, np.ones((3, 3, 3)))
+        touching = np.unique(labels[sides])
+        wanted = np.isin(labels, touching[touching > 0])
+        assert np.array_equal(ways >= square * (1 - 1e-9), wanted)
 
 
 def bottle(spacing=(1.0, 1.0, 1.0), room=15, neck=4, wall=3):
