@@ -621,6 +621,12 @@ def test_a_survey_says_which_way_to_build():
     assert any(note.startswith("no direction to build in is better") for note in cube.notes)
 
 
+def test_a_probe_that_is_wider_than_the_body_gives_no_row():
+    wide = survey(grid_of(stalactite()), how=Survey(probe=50.0), only=["printability"])
+    assert "trapped_volume" not in wide.measures
+    assert "drain_path_length" in wide.measures
+
+
 def test_bodies_without_end_stand_on_no_plate():
     grid = grid_of(stalactite(), periodic=(True, False, True))
     rows = survey(grid, only=["printability"]).measures
@@ -677,7 +683,7 @@ def test_work_is_told_and_may_be_cancelled():
 def test_memory_is_asked_for_first(monkeypatch):
     monkeypatch.setenv("POROUS_MAX_MEMORY", "1K")
     grid = grid_of(stalactite())
-    with pytest.raises(MemoryLimitError, match="probe's flood"):
+    with pytest.raises(MemoryLimitError, match="as a probe reaches"):
         trapped_volume(grid, probe=0.5)
     for take in (overhangs, islands, cupped_volume, drain_path_length):
         with pytest.raises(MemoryLimitError, match="16 × 8 × 12 voxels would need"):

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import GridError, ModelError
-from porous.measures._build import Direction, directions_of, row
+from porous.measures._build import Direction, angle_of, directions_of, row
 from porous.measures._drain_path import grid_drain
 from porous.measures._islands import grid_islands
 from porous.measures._overhangs import Inclined, grid_overhangs, surface_overhangs
 from porous.measures._sample import Family, Findings, Sample
 from porous.measures._thickness import METHOD as THICKNESS
 from porous.measures._thickness import local_thickness
-from porous.measures._trapped import grid_cupped, grid_trapped, has_outside
+from porous.measures._trapped import flooded, grid_cupped, grid_trapped, has_outside
 from porous.models.automaton import count_cells
 from porous.models.model import HasBoundary
 from porous.values import Curve, Measure, Measures
@@ -83,13 +83,14 @@ def _take(sample: Sample) -> Findings:
     within = sample.within(MOST)
     if not sample.has("solid"):
         return found
+    angle_of(sample.how.overhang)
     directions = directions_of(within.frame)
     overhang, inclined = grid_overhangs(within)
     hanging, by_layer = grid_islands(within, directions)
     rows, curves = overhang + hanging, (*_by_angle(inclined, within, directions), *by_layer)
     if sample.has("pore") and has_outside(within):
         ways, lengths = grid_drain(sample.within(MOST_WAYS))
-        rows += grid_cupped(within, directions) + Measures((grid_trapped(within),)) + ways
+        rows += grid_cupped(within, directions) + _trapped(within) + ways
         curves += lengths
     notes = (*_coarser(sample, within), *_best(rows, directions))
     return found + Findings(rows + _exact(sample), curves, notes)
@@ -108,6 +109,20 @@ def _thin(sample: Sample) -> Findings:
         verdict = f"{words} than {limit:g} {unit} make up {100 * share.value:.3g} % of the {whole}"
         found += Findings(Measures((share,)), (), (verdict + least,))
     return found
+
+
+def _trapped(sample: Sample) -> Measures:
+    """Return what is trapped, of coarser voxels where a wide probe needs wide margins.
+
+    A probe that is wider than the grid is in no doubt about it, and gives no row.
+    """
+    probe = sample.how.probe
+    if probe is not None:
+        if probe > max(sample.frame.box.lengths):
+            return Measures()
+        if sample.coarse is not None and flooded(sample.frame, probe) > 2 * MOST:
+            return _trapped(sample.coarse)
+    return Measures((grid_trapped(sample),))
 
 
 def _exact(sample: Sample) -> Measures:

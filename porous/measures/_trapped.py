@@ -41,7 +41,8 @@ def trapped_volume(
     outside. With one it is all that a ball of that diameter which comes from outside cannot touch,
     behind openings that are too narrow as well as in corners that are too tight. A ball goes where
     its centre goes, from voxel to voxel that is as far from the nearest solid voxel as half the
-    diameter, or farther; and where a larger one has room it touches what that one does.
+    diameter, or farther; and where a larger one has room it touches what that one does. It reaches
+    in from beyond the sides too, with its centre outside of the grid.
 
     Parameters
     ----------
@@ -191,11 +192,9 @@ def _missed(sample: Sample, probe: float, *, told: bool = False) -> float:
 
     grid, frame = sample.grid, sample.frame
     margins = _margins(frame, probe)
-    shape = [n + a + b for n, (a, b) in zip(frame.shape, margins, strict=True)]
-    size = " × ".join(map(str, shape))
-    check_memory(
-        math.prod(shape) * EACH, f"a probe's flood of {size} voxels", "Use a smaller probe or grid."
-    )
+    size = " × ".join(map(str, frame.shape))
+    what = f"a flood of {size} voxels, and around them as far as a probe reaches,"
+    check_memory(flooded(frame, probe) * EACH, what, "Use a smaller probe, or fewer voxels.")
     void = np.pad(~grid.solid, margins, constant_values=True)
 
     def tell(done: float) -> None:
@@ -222,6 +221,12 @@ def _margins(frame: Frame, probe: float) -> list[tuple[int, int]]:
     """Return how many voxels beyond each side balls may touch the grid from."""
     each = zip(frame.spacing, frame.periodic, strict=True)
     return [(0, 0) if wraps else (math.ceil(probe / 2 / h) + 1,) * 2 for h, wraps in each]
+
+
+def flooded(frame: Frame, probe: float) -> int:
+    """Return how many voxels a probe's flood is of: the frame's, and those of its margins."""
+    each = zip(frame.shape, _margins(frame, probe), strict=True)
+    return math.prod(n + a + b for n, (a, b) in each)
 
 
 def _from_outside(fits: Bools, grid: VoxelGrid, margins: list[tuple[int, int]]) -> Bools:
