@@ -57,8 +57,8 @@ def islands(
     Measures
         unsupported_islands_z_up, the number of islands, and unsupported_volume_z_up, in the grid's
         unit cubed, of all that hangs in the air; so for each direction, but for those along
-        periodic axes. The uncertainty is the difference to half the resolution, infinite where the
-        grid cannot be halved.
+        periodic axes. The uncertainty is the difference to half the resolution, and of volumes a
+        voxel for each island; infinite where the grid cannot be halved.
 
     Raises
     ------
