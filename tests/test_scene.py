@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from porous.kernels.nearest import Nearest
-from porous.measures import local_thickness
+from porous.measures import LocalThickness
 from porous.pipeline import Result
 from porous.recipe import load
 from porous.report import _mesh_data, _packed, _scene
@@ -62,9 +62,20 @@ def surface(grid):
     return extract_surface(grid)
 
 
+def local(grid, phase, diameters):
+    """Return local thickness as if it had been measured."""
+    sizes, counts = np.unique(diameters[diameters > 0], return_counts=True)
+    shares = counts / counts.sum()
+    return LocalThickness(grid.frame, diameters, phase, sizes, shares, float(sizes[0]), 0.5)
+
+
 @pytest.fixture(scope="module")
 def maps(grid):
-    return {phase: local_thickness(grid, phase=phase) for phase in ("pore", "solid")}
+    random = np.random.default_rng(0)
+    wide = {phase: random.random(grid.fill.shape).astype(np.float32) for phase in ("pore", "solid")}
+    wide["pore"][grid.solid] = 0
+    wide["solid"][~grid.solid] = 0
+    return {phase: local(grid, phase, diameters) for phase, diameters in wide.items()}
 
 
 # --- distances ------------------------------------------------------------------------------
@@ -127,7 +138,7 @@ def _spacing(surface, most):
 @pytest.mark.parametrize("easy", [3, 1])
 def test_caps_stay_in_their_sides(surface, grid, easy, monkeypatch):
     monkeypatch.setattr(_mesh_data, "EASY", easy)
-    part = shown(surface, 1200)
+    part = shown(surface, 1800)
     box = np.array([grid.frame.box.lower, grid.frame.box.upper])
     caps = part.points[part.triangles[part.walls :]]
     assert len(caps)
@@ -139,6 +150,17 @@ def test_caps_stay_in_their_sides(surface, grid, easy, monkeypatch):
     off = np.abs(surface.corners[:, :, None] - box).min(axis=2).max(axis=1).min(axis=1)
     sizes = np.linalg.norm(surface.area_vectors, axis=1)
     assert areas.sum() == pytest.approx(sizes[off <= 0.1 * edge].sum(), rel=0.1)
+
+
+def test_dust_is_shown_in_part():
+    solid = np.zeros((15, 18, 21), bool)
+    solid[1::3, 1::3, 1::3] = True
+    grains = extract_surface(VoxelGrid.of_solid(solid, Frame(ORIGIN, (1, 1, 1), solid.shape)))
+    count = len(grains.triangles)
+    part = shown(grains, count // 40)
+    assert (part.full, part.away) == (count, pytest.approx(0, abs=1e-9))
+    assert len(part.triangles) <= count // 40
+    assert part.missed > 0.5  # and that is said
 
 
 @pytest.mark.parametrize("length", [3.0, 0.7])
@@ -287,7 +309,11 @@ def plates():
 
 def test_colours_are_the_thickness_of_walls_and_gaps():
     grid = plates()
-    maps = {phase: local_thickness(grid, phase=phase) for phase in ("pore", "solid")}
+    wide = np.zeros(grid.fill.shape, np.float32)
+    wide[4:8], wide[14:22] = 2.0, 4.0
+    gaps = np.where(grid.solid, 0, 4.5).astype(np.float32)
+    gaps[8:14] = 3.0
+    maps = {"pore": local(grid, "pore", gaps), "solid": local(grid, "solid", wide)}
     recipe = load("menger", set={"report.smallest_wall": 2.5, "report.smallest_gap": 1.0})
     made = scene(Result(recipe, grid=grid, surface=extract_surface(grid), maps=maps))
     low, high = made.ranges["solid"]

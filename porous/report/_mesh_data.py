@@ -29,6 +29,9 @@ EASY = 3
 PER_SQUARE = 2.5
 """Triangles per square of a cell's edge that clustering leaves of a smooth surface, about."""
 
+FEW = 0.1
+"""The part of the triangles allowed that clustering leaves at least, but of dust."""
+
 COARSER = 1.2
 """By how much cells grow where too many triangles are left."""
 
@@ -80,6 +83,7 @@ def shown(surface: SurfaceMesh, most: int = MOST) -> Shown:
     One with more loses edges in the order of the error that this costs (Garland & Heckbert 1997);
     one with far more is first gathered in cells, all corners in a cell becoming their mean
     (Rossignac & Borrel 1993), rims and caps apart. Neither keeps topology: it is to be looked at.
+    Of dust, whose grains vanish in cells, one triangle of many is shown.
 
     How far it is off is measured: from every corner and some middles of triangles that are shown
     to the nearest point of any triangle of the whole surface. Between these points it may be more.
@@ -93,8 +97,11 @@ def shown(surface: SurfaceMesh, most: int = MOST) -> Shown:
     points, triangles = surface.points, surface.triangles
     if full > EASY * most:
         points, triangles = _clustered(surface, capped, EASY * most)
+    if len(triangles) < FEW * most:  # dust: its grains are smaller than cells
+        points, triangles = surface.points, surface.triangles[:: -(-full // most)]
+    elif len(triangles) > most:
+        points, triangles = collapsed(points, triangles, most, _edge(points, triangles))
     planes = list(_planes(surface, capped))
-    points, triangles = collapsed(points, triangles, most, _edge(points, triangles))
     points, triangles = _used(points, triangles[:most])
     order, walls = _walls_first(points, triangles, planes)
     return Shown(points, triangles[order], walls, full, *_deviation(surface, points, triangles))
