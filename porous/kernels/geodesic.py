@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.kernels._shared import kernel, source
+from porous.kernels._shared import kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,6 +29,38 @@ BATCH = 1 << 17
 
 WIDTH = 0.25
 """Width of a bucket, in units of the shortest edge of a voxel."""
+
+
+STRIDES = (9, 3, 1)
+"""Steps along the axes in an array of 27 voxels, of which number 13 is the middle."""
+
+FACES = np.array([(13 + s * STRIDES[a], a) for a in range(3) for s in (-1, 1)])
+"""Neighbours across faces and their axis, shape (6, 2)."""
+
+TURNS = np.array(
+    [
+        [
+            (f + s * STRIDES[b], f + s * STRIDES[b] + t * STRIDES[3 - a - b], b, 3 - a - b)
+            for b in range(3)
+            if b != a
+            for s in (-1, 1)
+            for t in (-1, 1)
+        ]
+        for f, a in FACES.tolist()
+    ]
+)
+"""About each of these the eight ways on over an edge to a corner, and the axes of both steps."""
+
+EDGES = np.array(
+    [
+        (e, e - STRIDES[c], e + STRIDES[c], c)
+        for c in range(3)
+        for s in (-1, 1)
+        for t in (-1, 1)
+        for e in [13 + s * STRIDES[(c + 1) % 3] + t * STRIDES[(c + 2) % 3]]
+    ]
+)
+"""Neighbours across edges, the corners next to each and their axis, shape (12, 4)."""
 
 
 def path_lengths(
@@ -58,55 +90,55 @@ def path_lengths(
     leads.
     """
     ratios = np.array(spacing, np.float64) / spacing[0]
-    padded = source(np.pad(mask, 1), np.bool_).view(np.uint8)
-    given = padded.reshape(-1)
-    done = np.full(given.shape, np.inf)
-    keys = np.full(given.shape, np.inf)
-    links = np.full((2, len(given)), -1, np.int32)
+    padded = np.pad(mask, 1)
+    # What waits has its key, what is done its time less than zero, and solid is never done.
+    times = np.where(padded.reshape(-1), np.inf, -np.inf)
+    links = np.full((times.size, 2), -1, np.int32)
     per = 1 / (WIDTH * float(ratios.min()))
     heads = np.full(1 << int(np.sqrt((ratios**2).sum()) * per + 3).bit_length(), -1, np.int32)
     state = np.zeros(2, np.int64)  # the bucket whose turn it is, and how many voxels wait
     shape = np.array(padded.shape, np.int64)
     lattice = (shape, np.array(periodic, np.int64), ratios, per)
-    _begin(given, shape, per, keys, links, heads, state)
+    _begin(times, shape, per, links, heads, state)
     total, worked = int(np.count_nonzero(mask)), 0
     while state[1]:
-        worked += int(_march(given, *lattice, done, keys, links, heads, state, BATCH))
+        worked += int(_march(times, *lattice, links, heads, state, BATCH))
         if progress is not None:
             progress(worked, total)
-    result: NDArray[np.float64] = done.reshape(padded.shape)[-2, 1:-1, 1:-1] * spacing[0]
+    last = times.reshape(padded.shape)[-2, 1:-1, 1:-1]
+    result: NDArray[np.float64] = np.where(last < 0, -last, np.inf) * spacing[0]
     return result
 
 
 @kernel
 def _insert(v, bucket, links, heads, state):
     after = heads[bucket]
-    links[0, v], links[1, v] = -1, after
+    links[v, 0], links[v, 1] = -1, after
     if after >= 0:
-        links[0, after] = v
+        links[after, 0] = v
     heads[bucket] = v
     state[1] += 1
 
 
 @kernel
 def _remove(v, bucket, links, heads, state):
-    before, after = links[0, v], links[1, v]
+    before, after = links[v, 0], links[v, 1]
     if before >= 0:
-        links[1, before] = after
+        links[before, 1] = after
     else:
         heads[bucket] = after
     if after >= 0:
-        links[0, after] = before
+        links[after, 0] = before
     state[1] -= 1
 
 
 @kernel
-def _begin(mask, shape, per, keys, links, heads, state):
+def _begin(times, shape, per, links, heads, state):
     layer = shape[1] * shape[2]
     state[0] = np.int64(0.5 * per)
     for v in range(layer, 2 * layer):
-        if mask[v]:
-            keys[v] = 0.5
+        if times[v] > 0.0:
+            times[v] = 0.5
             _insert(v, state[0] & (len(heads) - 1), links, heads, state)
 
 
@@ -147,37 +179,36 @@ def _edge(near, far, across, along, best):
 @kernel
 def _arrive(times, best, squares):
     # The earliest that a front gets to the middle of 27 voxels, from the 48 simplices about it,
-    # whose corners are at the ends of a, a + b and a + b + c, and from their sides.
-    for one in range(3):
-        a, stride = squares[one], 9 if one == 0 else (3 if one == 1 else 1)
-        for side in range(-1, 2, 2):
-            first = times[13 + side * stride]
-            for turn in range(1, 3):
-                two, three = (one + turn) % 3, (one + 3 - turn) % 3
+    # whose corners are at the ends of a, a + b and a + b + c, and from their sides. No front gets
+    # there from what is later itself.
+    for n in range(6):
+        f, one = FACES[n, 0], FACES[n, 1]
+        first = times[f]
+        if first < best:
+            a = squares[one]
+            for m in range(8):
+                two, three = TURNS[n, m, 2], TURNS[n, m, 3]
+                second, third = times[TURNS[n, m, 0]], times[TURNS[n, m, 1]]
                 b, c = squares[two], squares[three]
-                next_ = 9 if two == 0 else (3 if two == 1 else 1)
-                last = 9 if three == 0 else (3 if three == 1 else 1)
-                for up in range(-1, 2, 2):
-                    e = 13 + side * stride + up * next_
-                    second = times[e]
-                    if first < best:
-                        best = _edge(first, second, b, a, best)
-                    for aside in range(-1, 2, 2):
-                        third = times[e + aside * last]
-                        if first < best and turn == 1:
-                            best = _edge(first, third, b + c, a, best)
-                        if second < best:
-                            best = _edge(second, third, c, a + b, best)
-                        if second < first and third < second and first < best:
-                            p, q = (first - second) ** 2 / b, (second - third) ** 2 / c
-                            if (1.0 - p - q) * b >= p * a and p * c >= q * b:
-                                best = min(best, first + np.sqrt(a * (1.0 - p - q)))
+                best = _edge(first, second, b, a, best)
+                best = _edge(first, third, b + c, a, best)
+                if second < first and third < second:
+                    p, q = (first - second) ** 2 / b, (second - third) ** 2 / c
+                    if (1.0 - p - q) * b >= p * a and p * c >= q * b:
+                        best = min(best, first + np.sqrt(a * (1.0 - p - q)))
+    for n in range(12):
+        second = times[EDGES[n, 0]]
+        if second < best:
+            c = squares[EDGES[n, 3]]
+            along = squares[0] + squares[1] + squares[2] - c
+            best = _edge(second, times[EDGES[n, 1]], c, along, best)
+            best = _edge(second, times[EDGES[n, 2]], c, along, best)
     return best
 
 
 @kernel
-def _march(mask, shape, wraps, ratios, per, done, keys, links, heads, state, most):
-    near, times = np.empty(27, np.int64), np.empty(27, np.float64)
+def _march(times, shape, wraps, ratios, per, links, heads, state, most):
+    near, done = np.empty(27, np.int64), np.empty(27, np.float64)
     steps, squares = np.empty(27, np.float64), ratios * ratios
     for s in range(27):
         x, y, z = s // 9 - 1, s // 3 % 3 - 1, s % 3 - 1
@@ -192,20 +223,22 @@ def _march(mask, shape, wraps, ratios, per, done, keys, links, heads, state, mos
         _remove(v, bucket, links, heads, state)
         _near(v, shape, wraps, near)
         for s in range(27):
-            times[s] = done[near[s]]
-        time = _arrive(times, keys[v], squares)
-        done[v], keys[v] = time, time
+            told = times[near[s]]
+            done[s] = -told if told < 0.0 else np.inf
+        time = _arrive(done, times[v], squares)
+        times[v] = -time
         worked += 1
         for s in range(27):
             u, key = near[s], time + steps[s]
-            if mask[u] and key < keys[u] and times[s] == np.inf:
+            before = times[u]
+            if key < before:
                 now = np.int64(key * per) & last
-                if keys[u] < np.inf:
-                    before = np.int64(keys[u] * per) & last
-                    if now != before:
-                        _remove(u, before, links, heads, state)
-                        _insert(u, now, links, heads, state)
-                else:
+                if before == np.inf:
                     _insert(u, now, links, heads, state)
-                keys[u] = key
+                else:
+                    old = np.int64(before * per) & last
+                    if now != old:
+                        _remove(u, old, links, heads, state)
+                        _insert(u, now, links, heads, state)
+                times[u] = key
     return worked
