@@ -27,7 +27,7 @@ POLYTOPES, QUADRICS, TRIANGLES = 0, 1, 2
 FIELDS = ("length", "solid", "bulk", "bulk_solid", "crossings", "from_solid", "to_solid")
 """What is told of each line."""
 
-SLAB = 1000
+SLAB = 250
 """Lines of one call: a few milliseconds, where each meets hundreds of pieces."""
 
 EVENTS = 1024

@@ -115,7 +115,7 @@ def line_probes(
     ModelError
         Where the model is known by its voxels alone, or for fewer than two lines.
     """
-    body = model.line_body() if isinstance(model, HasLines) else None
+    body = _body(model)
     if body is None:
         raise ModelError(
             f"line_probes: got a {type(model).__name__}, of which only voxels are known, or a "
@@ -123,8 +123,23 @@ def line_probes(
         )
     if lines != int(lines) or lines < FEWEST:
         raise ModelError(f"lines: got {lines!r}; wanted a whole number, at least {FEWEST}")
-    seen = _sent(body, model, box or model.domain, int(lines), seed, periodic, progress)
-    return Measures(tuple(_rows(seen, model)))
+    sent = random_lines(box or model.domain, int(lines), seed)
+    return _told(body, model, sent, box or model.domain, periodic, progress)
+
+
+def _body(model: Model | None) -> LineBody | None:
+    return model.line_body() if isinstance(model, HasLines) else None
+
+
+def _told(
+    body: LineBody,
+    model: Model,
+    lines: Floats,
+    box: Box,
+    periodic: Axes,
+    progress: Callable[[int, int], None] | None,
+) -> Measures:
+    return Measures(tuple(_rows(_sent(body, model, lines, box, periodic, progress), model)))
 
 
 def random_lines(box: Box, count: int, seed: int) -> Floats:
@@ -151,15 +166,13 @@ def random_lines(box: Box, count: int, seed: int) -> Floats:
 def _sent(
     body: LineBody,
     model: Model,
+    lines: Floats,
     box: Box,
-    count: int,
-    seed: int,
     periodic: Axes,
     progress: Callable[[int, int], None] | None,
 ) -> _Seen:
-    lines = random_lines(box, count, seed)
     seen = body.seen(lines, box, model.bulk, progress)
-    inside, capped = seen.crossings.copy(), np.zeros(count)
+    inside, capped = seen.crossings.copy(), np.zeros(len(lines))
     enters, leaves = _sides(lines, box)
     wraps = np.array(periodic)
     capped += np.where(wraps[enters], 0, seen.from_solid) + np.where(
@@ -254,14 +267,16 @@ def _pores(solid: _Ratio, least: float) -> Measure:
 
 def _take(sample: Sample) -> Findings:
     model, frame = sample.model, sample.frame
-    if not isinstance(model, HasLines) or model.line_body() is None:
+    body = _body(model)
+    if model is None or body is None:
         return Findings()
-    found = line_probes(
+    found = _told(
+        body,
         model,
-        seed=sample.how.seed,
-        box=frame.box,
-        periodic=frame.periodic,
-        progress=lambda done, of: sample.tell(FAMILY.name, done / of),
+        random_lines(frame.box, LINES, sample.how.seed),
+        frame.box,
+        frame.periodic,
+        lambda done, of: sample.tell(FAMILY.name, done / of),
     )
     return Findings(
         found, notes=(f"line probes: {LINES} random lines went through the model itself",)
