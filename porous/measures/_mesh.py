@@ -69,17 +69,16 @@ class SurfaceCensus:
         self.surface = surface
         self.method = method
         self.periodic = periodic
-        self.areas: Floats = np.linalg.norm(surface.area_vectors, axis=1)
-        area, size = float(self.areas.sum()), float(np.abs(surface.corners).max(initial=0.0))
+        self.areas: Floats = surface.areas
+        area, size = float(self.areas.sum()), float(np.abs(surface.points).max(initial=0.0))
         moved = GATHERED * size if method == EXACT else 0.0
-        sides = np.linalg.norm(surface.corners - np.roll(surface.corners, 1, axis=1), axis=2)
         rounding = ROUNDING * len(self.areas) ** 0.5 * area
         # A triangle whose corners move by d changes by no more than half its girth times d.
         volume_doubt, area_doubt = (
             volume_doubt + surface.altered[0],
             area_doubt + surface.altered[1],
         )
-        self.area_doubt = area_doubt + rounding + moved * float(sides.sum()) / 2
+        self.area_doubt = area_doubt + rounding + (moved * _girths(surface) / 2 if moved else 0.0)
         self.volume_doubt = volume_doubt + (ROUNDING * size + moved) * area
 
     @cached_property
@@ -92,10 +91,7 @@ class SurfaceCensus:
         """Volume that each piece encloses, negative about a cavity, in its unit cubed."""
         if not len(self.shells):
             return np.zeros(0)
-        reference = self.surface.points[self.surface.triangles[:, 0]].mean(axis=0)
-        heights = self.surface.corners.mean(axis=1) - reference
-        cones = np.einsum("ij,ij->i", heights, self.surface.area_vectors) / 3
-        return np.asarray(np.bincount(self.shells, cones), np.float64)
+        return np.asarray(np.bincount(self.shells, self.surface.cones), np.float64)
 
     @cached_property
     def euler_number(self) -> int:
@@ -115,6 +111,12 @@ class SurfaceCensus:
         """Return a row of this surface; exact where there is no doubt."""
         kind = "exact" if doubt is None else "standard"
         return Measure(name, value, unit, self.method, doubt or 0.0, kind, "surface")
+
+
+def _girths(surface: SurfaceMesh) -> float:
+    """Return the sum of the lengths of all sides of the triangles."""
+    corners = surface.corners
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).sum())
 
 
 def _surface_area(census: SurfaceCensus) -> Measure:

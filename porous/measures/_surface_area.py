@@ -126,15 +126,10 @@ def surface_doubt(census: Census, surface: SurfaceMesh | StreamedSurface) -> tup
     """
     amounts, voxel = Amounts(census), census.frame.voxel_volume
     volume = abs(surface.volume - amounts.everywhere * voxel) + amounts.everywhere_doubt * voxel
-    if isinstance(surface, SurfaceMesh) and _is_stepped(surface):
+    if isinstance(surface, SurfaceMesh) and surface.is_stepped:
         return volume, STAIRCASE * surface.area
     steps = SMOOTH if amounts.cut else STEPPED
     return volume, steps * surface.area + _lost(census)
-
-
-def _is_stepped(surface: SurfaceMesh) -> bool:
-    """Tell whether no triangle is oblique: voxel faces."""
-    return bool(((np.abs(surface.area_vectors) > 0).sum(axis=1) <= 1).all())
 
 
 def _row(census: Census, name: str, method: str, area: float, doubt: float) -> Measure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,12 @@ from porous.values.units import check_unit
 from porous.values.value import Value, frozen, frozen_whole
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
+
+PART = 1 << 15
+"""Triangles that are worked on at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,23 +96,63 @@ class SurfaceMesh(Value):
     @property
     def area_vectors(self) -> NDArray[np.float64]:
         """Outward normals as long as the triangles' areas, shape (t, 3), in ``unit`` squared."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        return np.asarray(np.cross(b - a, c - a) / 2)
+        result = np.empty((len(self.triangles), 3))
+        for part, corners in self._parts():
+            result[part] = _area_vectors(corners)
+        return result
 
     @property
+    def areas(self) -> NDArray[np.float64]:
+        """The triangles' areas, shape (t,), in ``unit`` squared."""
+        result = np.empty(len(self.triangles))
+        for part, corners in self._parts():
+            vectors = _area_vectors(corners)
+            result[part] = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+        return result
+
+    @cached_property
     def area(self) -> float:
         """Sum of the triangles' areas, in ``unit`` squared."""
-        return float(np.linalg.norm(self.area_vectors, axis=1).sum())
+        return float(self.areas.sum())
 
     @property
+    def cones(self) -> NDArray[np.float64]:
+        """Volumes between the triangles and the middle of the points, shape (t,), signed.
+
+        Those of a closed piece add up to what it encloses, negative where it is inside out.
+        """
+        result = np.empty(len(self.triangles))
+        centre = self.points.mean(axis=0) if len(self.points) else np.zeros(3)
+        for part, corners in self._parts():
+            heights = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3 - centre
+            result[part] = np.einsum("ij,ij->i", heights, _area_vectors(corners)) / 3
+        return result
+
+    @cached_property
     def volume(self) -> float:
         """Enclosed volume by the divergence theorem, in ``unit`` cubed."""
-        if not len(self.triangles):
-            return 0.0
-        centre = self.points.mean(axis=0)
-        return float(
-            np.einsum("ij,ij->", self.corners.mean(axis=1) - centre, self.area_vectors) / 3
+        return float(self.cones.sum())
+
+    @property
+    def is_stepped(self) -> bool:
+        """Whether every triangle lies across an axis, as the faces of voxels do."""
+        return all(
+            ((_area_vectors(corners) != 0).sum(axis=1) <= 1).all() for _, corners in self._parts()
         )
+
+    def _parts(self) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+        """Yield triangles and their corners, as many at a time as caches hold."""
+        for start in range(0, len(self.triangles), PART):
+            part = slice(start, start + PART)
+            yield part, self.points[self.triangles[part]]
+
+
+def _area_vectors(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    result = np.empty_like(u)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[:, i] = (u[:, j] * v[:, k] - u[:, k] * v[:, j]) / 2
+    return result
 
 
 def points_checked(points: NDArray[np.float64], what: str) -> None:

@@ -91,6 +91,28 @@ def check_closed(surface: SurfaceMesh) -> None:
     """
     if not len(surface.triangles):
         raise MeshError("surface: has no triangles; wanted a closed surface")
+    if not _is_balanced(surface):
+        _complain(surface)
+    if not surface.volume > 0:
+        raise MeshError(
+            f"surface: encloses a volume of {surface.volume:.6g} {surface.unit}³; wanted a "
+            "positive one: is it flat or inside out?"
+        )
+
+
+def _is_balanced(surface: SurfaceMesh) -> bool:
+    """Tell whether every edge is run as often one way as the other: that needs two sorts alone."""
+    start, stop = _sides(_proper(surface))
+    along, against = start * len(surface.points), stop * len(surface.points)
+    along += stop
+    against += start
+    del start, stop  # of large surfaces every array counts
+    along.sort()
+    against.sort()
+    return np.array_equal(along, against)
+
+
+def _complain(surface: SurfaceMesh) -> None:
     edges = _edges(_proper(surface), len(surface.points))
     rim = edges.ends[edges.uses == 1]
     if len(rim):
@@ -101,20 +123,16 @@ def check_closed(surface: SurfaceMesh) -> None:
             f"surface: {len(bent)} edges where triangles are turned against each other, the first "
             f"{_segment(surface, bent[0])}; wanted every edge run as often one way as the other"
         )
-    if not surface.volume > 0:
-        raise MeshError(
-            f"surface: encloses a volume of {surface.volume:.6g} {surface.unit}³; wanted a "
-            "positive one: is it flat or inside out?"
-        )
 
 
 def euler_number(surface: SurfaceMesh) -> int:
     """Return vertices − edges + triangles; vertices that no triangle uses do not count."""
     points = len(surface.points)
-    ends = _keys(surface.triangles, points)
+    keys = np.sort(_keys(surface.triangles, points))
+    edges = int(np.count_nonzero(keys[1:] != keys[:-1])) + (len(keys) > 0)
     used = np.zeros(points, dtype=bool)
     used[surface.triangles] = True
-    return int(used.sum()) - len(np.unique(ends)) + len(surface.triangles)
+    return int(used.sum()) - edges + len(surface.triangles)
 
 
 def pieces(surface: SurfaceMesh) -> Indices:
@@ -122,8 +140,7 @@ def pieces(surface: SurfaceMesh) -> Indices:
 
     Triangles that share an edge are of one piece; pieces are numbered by their first triangle.
     """
-    edges = _edges(surface.triangles, len(surface.points))
-    side, other = _neighbours(edges)
+    side, other = _neighbours(_keys(surface.triangles, len(surface.points)))
     return joined(len(surface.triangles), side // 3, other // 3)
 
 
@@ -162,9 +179,13 @@ def _squares(surface: SurfaceMesh) -> NDArray[np.float64]:
     return np.asarray((np.cross(u, v) ** 2).sum(axis=1))
 
 
+def _sides(triangles: Indices) -> tuple[Indices, Indices]:
+    """Return where the sides of triangles start and stop, (3 t,) each: side 3·t + k at corner k."""
+    return triangles.ravel(), triangles[:, (1, 2, 0)].ravel()
+
+
 def _keys(triangles: Indices, points: int) -> Indices:
-    start = triangles.ravel()
-    stop = np.roll(triangles, -1, axis=1).ravel()
+    start, stop = _sides(triangles)
     result: Indices = np.minimum(start, stop) * points + np.maximum(start, stop)
     return result
 
@@ -172,18 +193,19 @@ def _keys(triangles: Indices, points: int) -> Indices:
 def _edges(triangles: Indices, points: int) -> _Edges:
     keys = _keys(triangles, points)
     found, of_side, uses = np.unique(keys, return_inverse=True, return_counts=True)
-    rising = triangles.ravel() < np.roll(triangles, -1, axis=1).ravel()
-    signs = np.where(rising, 1.0, -1.0)
+    start, stop = _sides(triangles)
+    signs = np.where(start < stop, 1.0, -1.0)
     balance = np.bincount(of_side, weights=signs, minlength=len(found)).astype(np.int64)
     ends = np.stack(np.divmod(found, max(points, 1)), axis=1)
     return _Edges(ends, uses, balance, of_side)
 
 
-def _neighbours(edges: _Edges) -> tuple[Indices, Indices]:
-    """Return pairs of sides of one edge: each side with the next of its edge."""
-    order = np.argsort(edges.of_side, kind="stable")
-    sorted_edges = edges.of_side[order]
-    same = np.flatnonzero(sorted_edges[1:] == sorted_edges[:-1])
+def _neighbours(edges: Indices) -> tuple[Indices, Indices]:
+    """Return pairs of sides of one edge: each side with the next of its edge, told by a number."""
+    order = np.argsort(edges, kind="stable")
+    found = edges[order]
+    same = np.flatnonzero(found[1:] == found[:-1])
+    del found
     return order[same], order[same + 1]
 
 
@@ -192,7 +214,7 @@ def _split_vertices(triangles: Indices, edges: _Edges, points: int) -> Indices:
     corner = triangles.ravel()
     step = np.arange(len(corner))
     step += np.where(step % 3 == 2, -2, 1)  # the corner where side k ends
-    side, other = _neighbours(edges)
+    side, other = _neighbours(edges.of_side)
     turned = corner[side] != corner[other]
     first = np.concatenate([side, step[side]])
     second = np.concatenate(
