@@ -240,8 +240,11 @@ def test_large_grids_are_taken_coarser(monkeypatch):
     from porous.measures import _network
 
     monkeypatch.setattr(_network, "MOST", 30**3)
-    found = survey(grid_of(smooth((40, 40, 40), 4)), only=["network"])
+    told = []
+    grid = grid_of(smooth((40, 40, 40), 4))
+    found = survey(grid, only=["network"], progress=lambda name, _: told.append(name))
     assert "20 × 20 × 20 voxels" in found.notes[0]
+    assert "watershed" in told
 
 
 def test_bodies_without_pores_or_solid_have_no_network():

@@ -199,6 +199,7 @@ def take(sample: Sample) -> Findings:
     body = sample.within(MOST)
     if not body.has_both:
         return Findings()
+    body.progress = sample.progress
     network = _network(body)
     coarse = body.coarse
     other = _network(coarse) if coarse is not None and coarse.has_both else None
