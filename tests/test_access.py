@@ -19,7 +19,6 @@ from porous.measures import (
     Sample,
     Survey,
     accessible_porosity,
-    local_thickness,
     mercury_intrusion,
     percolation_diameters,
     survey,
@@ -276,14 +275,13 @@ def test_a_probe_that_just_fits_comes_in_and_a_larger_one_does_not():
 
 def test_a_room_behind_a_neck_is_filled_through_the_neck():
     grid = bottle(room=16, neck=4)
-    mercury, rooms = mercury_intrusion(grid), local_thickness(grid)
+    mercury = mercury_intrusion(grid)
     inside = np.zeros(grid.frame.shape, bool)
     inside[3:-3, 3:19, 3:19] = True
     assert mercury.diameters[inside].max() == 4
     assert (mercury.diameters[inside] == 4).mean() > 0.9
     assert mercury.diameters[grid.solid].max() == 0
     assert mercury.quantile(0.5) == 4
-    assert rooms.sizes[-1] == 16
     rows, _ = rows_of(grid)
     assert rows["intrusion_p50"].value == 4
     assert rows["intrusion_trapped_share"].value > 0.9
@@ -411,7 +409,8 @@ def test_periodic_bodies_may_be_moved_and_told_twice(seed, shift):
 
 def test_curves_fall_with_the_diameter_and_rise_with_the_pressure():
     grid = grid_of(noise((40, 36, 44), 3, 2.5, 0.4), (2.0, 2.5, 2.0), unit="um")
-    mercury, rooms = mercury_intrusion(grid), local_thickness(grid)
+    mercury, squares = mercury_intrusion(grid), squared_distances(~grid.solid, (2.0, 2.5, 2.0))
+    rooms = 2 * squares.step * np.sqrt(largest_balls(squares))
     _, found = rows_of(grid)
     curves = {(curve.name, curve.series): curve for curve in found.curves}
     sizes = curves["mercury_intrusion", "intruded from outside"]
@@ -422,10 +421,10 @@ def test_curves_fall_with_the_diameter_and_rise_with_the_pressure():
     assert sizes.y[0] == pytest.approx(mercury.reached)
     # E. W. Washburn: 4 · 0.480 N/m · cos 40° over 1 µm are 1.4708 MPa.
     assert sizes.x * pressures.x[::-1] == pytest.approx(1.470805, rel=1e-6)
-    for series, found in (("from outside", mercury), ("from anywhere", rooms)):
+    for series, diameters in (("from outside", mercury.diameters), ("from anywhere", rooms)):
         curve = curves["accessible_porosity", series]
         assert 40 < len(curve.x) <= 128
-        wanted = [(found.diameters >= x * (1 - 1e-6)).mean() for x in curve.x]
+        wanted = [(diameters >= x * (1 - 1e-6)).mean() for x in curve.x]
         assert curve.y == pytest.approx(wanted, abs=1e-12)
         assert np.all((curve.low <= curve.y) & (curve.y <= curve.high))
     outside, anywhere = (
@@ -457,6 +456,7 @@ def test_pores_beyond_the_bulk_are_outside():
     grid = VoxelGrid(frame, np.where(solid, np.uint8(255), np.uint8(0)), bulk)
     rows, found = rows_of(grid, probe=5.0)
     assert not found.notes
+    assert rows["constrictivity"].value <= 1
     assert rows["intrusion_unreached_share"].value == 0
     pores = (body & ~solid).sum() / body.sum()
     assert 0.5 * pores < rows["accessible_porosity"].value < pores

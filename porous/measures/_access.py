@@ -15,6 +15,7 @@ from porous.measures._intrusion import (
     intrusion,
     passing,
     percolation_rows,
+    rooms,
     ways_of,
 )
 from porous.measures._sample import Family, Findings
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
     from porous.measures._intrusion import MercuryIntrusion
     from porous.measures._sample import Sample
-    from porous.measures._thickness import LocalThickness
 
     Floats = NDArray[np.float64]
     Three = tuple[float, float, float]
@@ -63,7 +63,7 @@ class _Seen:
 
     passing: Three
     mercury: MercuryIntrusion | None = None
-    pores: LocalThickness | None = None
+    pores: MercuryIntrusion | None = None
     numbers: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -113,12 +113,12 @@ def _seen(sample: Sample) -> _Seen:
     through = (0.0, 0.0, 0.0) if _is_bent(sample) else passing(sample, ways)
     if not has_outside(sample):
         return _Seen(through)
-    mercury, pores = intrusion(sample, ways), sample.thickness("pore")
+    mercury, pores = intrusion(sample, ways), rooms(sample)
     return _Seen(through, mercury, pores, _numbers(sample, mercury, pores))
 
 
 def _numbers(
-    sample: Sample, mercury: MercuryIntrusion, pores: LocalThickness
+    sample: Sample, mercury: MercuryIntrusion, pores: MercuryIntrusion
 ) -> dict[str, tuple[float, float]]:
     numbers = {"intrusion_unreached_share": (1 - mercury.reached, 0.0)}
     if mercury.reached:
@@ -137,7 +137,7 @@ def _is_bent(sample: Sample) -> bool:
 
 
 def _behind_necks(
-    sample: Sample, mercury: MercuryIntrusion, pores: LocalThickness
+    sample: Sample, mercury: MercuryIntrusion, pores: MercuryIntrusion
 ) -> tuple[float, float]:
     """Return how much of what is reached is so by balls a voxel smaller than there is room for.
 
@@ -237,7 +237,7 @@ def _chosen(sizes: Floats) -> Floats:
     return np.asarray(sizes[np.unique(places)])
 
 
-def _at_least(diameters: Floats, found: MercuryIntrusion | LocalThickness) -> Floats:
+def _at_least(diameters: Floats, found: MercuryIntrusion) -> Floats:
     """Return the part of the pores' volume with each of these diameters or a larger one."""
     beyond = np.append(np.cumsum(found.shares[::-1])[::-1], 0.0)
     places = np.searchsorted(found.sizes, diameters * (1 - 1e-9))

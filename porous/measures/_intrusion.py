@@ -122,7 +122,8 @@ def mercury_intrusion(grid: VoxelGrid, *, progress: Progress | None = None) -> M
     Returns
     -------
     MercuryIntrusion
-        The diameter's doubt is that of ``local_thickness``.
+        A diameter is twice the distance from a voxel's centre to that of the nearest one of solid;
+        its doubt is one voxel (its longest edge, and twice the grid's sampling error).
 
     Raises
     ------
@@ -208,7 +209,7 @@ def percolation_diameters(grid: VoxelGrid) -> Measures:
     Measures
         percolation_diameter_x, percolation_diameter_y and percolation_diameter_z, those that are:
         where nothing passes there is no row. The uncertainty is that of a diameter (see
-        ``local_thickness``) and the difference to voxels twice as large, which is the whole
+        ``mercury_intrusion``) and the difference to voxels twice as large, which is the whole
         diameter where nothing passes there; infinite where these have but one phase.
 
     Raises
@@ -330,6 +331,14 @@ def intrusion(sample: Sample, ways: Ways) -> MercuryIntrusion:
         found = largest_balls(balls, periodic=periodic, progress=_part(sample, 0.5, 1.0))
         reached = np.maximum(found, reached, out=found)
     return _told(sample, reached, squares.step)
+
+
+def rooms(sample: Sample) -> MercuryIntrusion:
+    """Return the same of balls that need not come from anywhere: there are none larger."""
+    from porous.kernels.thickness import largest_balls
+
+    squares = sample.squares("pore")
+    return _told(sample, largest_balls(squares, periodic=sample.frame.periodic), squares.step)
 
 
 def _part(sample: Sample, start: float, stop: float) -> Callable[[int, int], None]:
