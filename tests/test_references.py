@@ -93,6 +93,7 @@ def test_the_smallest_hole_and_wall_of_a_menger_sponge(level):
         assert measure(model).value == pytest.approx(3.0**-level, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [1, 2, 3])
 def test_sierpinski_tetrahedra_keep_their_area(level):
     corners = primitives.named("tetrahedron").points
@@ -205,6 +206,7 @@ BCC = [*SC, (0.5, 0.5, 0.5)]
 FCC = [*SC, (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "radius", "fraction"),
     [

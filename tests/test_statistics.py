@@ -342,7 +342,7 @@ def test_larger_grids_are_looked_at_with_fewer_voxels(body, monkeypatch):
     assert told == curves[0]
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     st.integers(0, 10**6),
     st.tuples(*(st.sampled_from([1, 2, 5, 8, 9, 16]),) * 3),
