@@ -67,6 +67,12 @@ def test_the_wheel_holds_what_the_report_is_made_of(members):
     assert any(name.endswith(".html") for name in data)
 
 
+def test_the_wheel_holds_the_pages_that_the_report_quotes(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        for name, place in (("measures.md", ROOT / "docs"), ("CITATION.cff", ROOT)):
+            assert archive.read(f"porous/_docs/{name}") == (place / name).read_bytes()
+
+
 def test_the_wheel_holds_nothing_else(members):
     tops = {name.split("/")[0] for name in members}
     assert tops == {"porous", f"porous-{PROJECT['version']}.dist-info"}
@@ -87,6 +93,12 @@ def test_the_installed_wheel_finds_its_presets(wheel, tmp_path):
     assert folder.strip() == str(site / "porous" / "_presets")
     assert names.split() == list(presets.names())
     assert materials.split() == list(presets.material_names())
+    code = (
+        "import porous.report._definitions as d; print(d.documents(d.PAGE), len(d.definitions()))"
+    )
+    page, count = run(sys.executable, "-c", code, cwd=tmp_path, env=environment).split()
+    assert page == str(site / "porous" / "_docs" / "measures.md")
+    assert int(count) > 50
     listed = run(sys.executable, "-m", "porous", "list", cwd=tmp_path, env=environment)
     assert "menger" in listed
 

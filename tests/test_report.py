@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,15 +16,17 @@ from report_curves import plotted
 from porous import disk, view
 from porous.certificate import Certificate, Check, certify
 from porous.errors import DiskError, ViewError
+from porous.measures import Findings
 from porous.pipeline import Result, run
-from porous.recipe import build, load
+from porous.recipe import build, load, with_files
 from porous.report import _page, _report, report_html, write_report
 from porous.report._agreement import agree, conflicts, groups, number, verdict
-from porous.report._definitions import definitions, documents, methods
+from porous.report._citation import citation, software
+from porous.report._definitions import definitions, documents, methods, sources
 from porous.report._doubts import doubts
 from porous.report._page import markdown
 from porous.report._svg import COLOURS, DASHES, SYMBOLS
-from porous.report._table import keys, sections
+from porous.report._table import KEYS, keys, sections
 from porous.values import (
     Block,
     Frame,
@@ -343,6 +346,11 @@ def test_every_definition_and_method_of_the_page_of_measures_is_read():
     assert "closed form" in methods()
 
 
+def test_the_numbers_that_come_first_are_all_defined():
+    assert {name for name, _ in KEYS} <= set(definitions())
+    assert len({label for _, label in KEYS}) == len(KEYS)
+
+
 def test_markdown_becomes_text_that_is_escaped():
     said = markdown("`a<b` & [a link](x.md#y) <script>")
     assert said == "<code>a&lt;b</code> &amp; a link &lt;script&gt;"
@@ -432,6 +440,106 @@ def test_the_verdict_is_that_of_the_worst_check(verdicts, tone, words):
     said = verdict(Certificate(checks))
     assert said.tone == tone
     assert words in said.text
+
+
+# --- where it comes from, and how to cite it ------------------------------------------------
+
+
+def test_every_source_that_the_page_of_measures_names_is_in_full_at_its_end():
+    page = documents("measures.md").read_text(encoding="utf-8").partition("## Sources")[0]
+    author = r"(?:[A-Z]\.[- ]?)+(?:de )?[A-ZÀ-Ž][\w-]+"
+    words = " ".join(page.split())
+    named = re.findall(rf"{author}(?:, {author})*(?: and others)? (?:19|20)\d\d(?!\d)", words)
+    assert len(set(named)) > 20
+    assert set(named) == {source.named for source in sources()}
+    assert all(source.year in source.named for source in sources())
+    assert len({source.key for source in sources()}) == len(sources())
+
+
+def test_the_methods_paragraph_tells_what_was_done_and_whom_it_follows(body):
+    recipe = recipe_named("A foam")
+    said = citation(replace(body, recipe=recipe), "1.2.3")
+    for wanted in (
+        "A foam (after ",
+        f"porous 1.2.3 from a recipe (SHA-256 {recipe.sha256}, seed 0)",
+        "sampled by 3 × 4 × 5 voxels of 0.5 × 0.25 × 1 mm (sampling: fill), periodic along y",
+        "4 triangles",
+        "1 elements",
+        "porosity, components, genus by closed form",
+        "surface area by triangles",
+    ):
+        assert wanted in said.paragraph, wanted
+    assert "Definitions follow" not in said.paragraph
+    assert said.bibtex.count("@") == 1
+
+
+def test_sources_become_bibtex_where_what_they_define_is_told():
+    rows = (
+        row("specific_surface_area", 2.0, "crofton", 0.1, "standard", unit="1/mm"),
+        row("pore_thickness_mean", 0.2, "local thickness", 0.1, "bound", unit="mm"),
+    )
+    said = citation(Result(None, measures=Measures(rows)), "1.2.3")
+    assert "specific surface area by crofton (J. Ohser, F. Mücklich 2000)" in said.paragraph
+    assert "Definitions follow J. Ohser, F. Mücklich 2000; T. Hildebrand" in said.paragraph
+    entries = re.findall(r"^@(\w+)\{(\w+),$", said.bibtex, re.M)
+    assert entries == [("software", "porous"), ("misc", "ohser2000"), ("misc", "hildebrand1997")]
+    assert "author = {T. Hildebrand and P. Rüegsegger}" in said.bibtex
+    assert said.bibtex.count("{") == said.bibtex.count("}")
+    assert "version = {1.2.3}" in said.bibtex
+    assert said.line.endswith("Version 1.2.3.")
+    assert software()["title"] in said.line
+
+
+def test_files_that_a_recipe_reads_are_told_with_their_hashes(body, tmp_path):
+    (tmp_path / "part.stl").write_bytes(b"solid")
+    recipe = with_files(
+        load("menger", set={"model.primitive": {"mesh": str(tmp_path / "part.stl")}}),
+        {"model.primitive.mesh": Path("part.stl")},
+    )
+    told_of = replace(body, recipe=recipe)
+    write_report(told_of, tmp_path / "report.html")
+    words = parsed((tmp_path / "report.html").read_text(encoding="utf-8")).words
+    assert f"part.stl, SHA-256 {hashlib.sha256(b'solid').hexdigest()}" in words
+    elsewhere = parsed(report_html(told_of)).words
+    assert "part.stl" in elsewhere
+    assert "part.stl, SHA-256" not in elsewhere
+
+
+def test_what_was_done_to_an_image_stands_apart_from_other_notes(tmp_path):
+    values = np.zeros((8, 9, 10), np.uint8)
+    values[1:7, 2:8, 1:9] = 200
+    values[0, 0, 0] = 200
+    np.savez(tmp_path / "scan.npz", fill=values)
+    grey = tmp_path / "scan.npz"
+    recipe = load(grey, set={"clean.islands": 5, "report.detail": "brief", "model.threshold": 99})
+    result = run(recipe, only="voxels")
+    html = report_html(replace(result, notes=(*result.notes, "something else")))
+    part = parsed(html[html.index('id="image"') : html.index('id="notes"')]).words
+    assert "threshold at 99" in part
+    assert "clean.islands: 1 of 2 pieces of solid" in part
+    assert "something else" not in part
+    assert "How the image was read" not in report_html(replace(result, recipe=None))
+
+
+def test_what_a_sample_says_of_the_whole_is_among_the_doubts(body):
+    rows = [
+        row("material_porosity", 0.3, "blocks", 0.05, "standard"),
+        row("material_specific_surface", 2.0, "blocks", math.inf, "standard", unit="1/mm"),
+    ]
+    said = doubts(replace(body, measures=Measures(tuple(rows)), findings=Findings(notes=("so",))))
+    assert said == (
+        "Of what the grid was cut out of the porosity is by blocks of it 0.3 ± 0.1 (95 %).",
+        "Of what the grid was cut out of the area by volume is not known.",
+        "so",
+    )
+
+
+def test_many_doubts_are_folded():
+    notes = tuple(f"doubt {i}" for i in range(30))
+    html = report_html(Result(None, findings=Findings(notes=notes)))
+    folded = html[html.index("<summary>18 more</summary>") :]
+    assert "doubt 11<" not in folded
+    assert "<li>doubt 12</li>" in folded
 
 
 # --- the picture and the file --------------------------------------------------------------

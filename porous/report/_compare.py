@@ -124,7 +124,7 @@ def compare_html(materials: Sequence[Material]) -> str:
     names = dict.fromkeys(name for measures, _ in measured for name in measures.names)
     lines = [_line([measures for measures, _ in measured], name) for name in names]
     drawn = plots(_overlaid(materials, [curves for _, curves in measured]))
-    every = [row for measures, _ in measured for row in measures]
+    by = [row.method for measures, _ in measured for row in measures]
     return page(
         "comparison.html",
         plots=drawn,
@@ -135,7 +135,7 @@ def compare_html(materials: Sequence[Material]) -> str:
         keys=_keys(lines),
         sections=_sections(lines),
         glossary=glossary((*names, *(plot.definition for plot in drawn))),
-        methods=methods_used(every),
+        methods=methods_used((*by, *(method for plot in drawn for method in plot.methods))),
     )
 
 

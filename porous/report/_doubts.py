@@ -20,6 +20,12 @@ FEW = 3
 THIN = ("smallest_feature", "smallest_pore", "smallest_wall", "smallest_gap")
 """What a body's thinnest parts are measured by."""
 
+OF_MATERIAL = {
+    "material_porosity": "porosity",
+    "material_specific_surface": "area by volume",
+}
+"""What tells of something larger, and what it is called there."""
+
 NOTEWORTHY = 0.01
 """Relative half-width from which a best number is said to be uncertain."""
 
@@ -29,6 +35,7 @@ def doubts(result: Result) -> tuple[str, ...]:
     return (
         *_of_conflicts(result),
         *_of_resolution(result),
+        *_of_sampling(result),
         *result.findings.notes,
         *_of_spread(result),
     )
@@ -57,9 +64,20 @@ def _of_resolution(result: Result) -> Iterator[str]:
                 )
 
 
+def _of_sampling(result: Result) -> Iterator[str]:
+    for name, label in OF_MATERIAL.items():
+        for row in result.measures.all(name)[:1]:
+            far = (
+                f"by blocks of it {_shown(row)}" if math.isfinite(row.uncertainty) else "not known"
+            )
+            yield f"Of what the grid was cut out of the {label} is {far}."
+
+
 def _of_spread(result: Result) -> Iterator[str]:
     for name in result.measures.names:
         row = result.measures[name]
+        if name in OF_MATERIAL:
+            continue
         if math.isnan(row.value):
             yield f"{name} is not defined for this body ({row.method})."
         elif row.method in ONE_SIDED:

@@ -74,6 +74,7 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
     origin = provenance(result, folder)
     drawn = plots(result.findings.curves)
     viewer, scripts = _viewer(result)
+    by = [row.method for row in result.measures]
     return page(
         "report.html",
         plots=drawn,
@@ -95,7 +96,7 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
         origin=told(origin),
         citation=citation(result, origin.versions["porous"]),
         glossary=glossary((*result.measures.names, *(plot.definition for plot in drawn))),
-        methods=methods_used(result.measures),
+        methods=methods_used((*by, *(method for plot in drawn for method in plot.methods))),
     )
 
 

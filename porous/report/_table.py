@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from porous.report._agreement import Row
-    from porous.values import Measure
 
 KEYS = (
     ("porosity", "porosity"),
@@ -172,10 +171,10 @@ def glossary(names: Iterable[str]) -> tuple[Term, ...]:
     )
 
 
-def methods_used(measures: Iterable[Measure]) -> tuple[Term, ...]:
-    """Return what the methods of a page do."""
+def methods_used(names: Iterable[str]) -> tuple[Term, ...]:
+    """Return what methods do, each once."""
     known = methods()
-    used = dict.fromkeys(row.method for row in measures)
+    used = dict.fromkeys(names)
     return tuple(Term(name, method_anchor(name), known[name]) for name in used if name in known)
 
 
