@@ -62,6 +62,13 @@ FREE = (1 << 15) - 1
 NEAR = 2
 """How far, in voxels, ``smallest`` looks about."""
 
+FINE = 1 << 24
+"""Parts of a voxel that are added up, as whole numbers: sums do not depend on their order."""
+
+BESIDE = 0.65
+"""Along diagonals the nearest voxel of a wall may lie beside the line: half a square of a voxel, or
+two thirds, by which distances fall less than one goes."""
+
 STEEP = 0.5
 """Distances rise at the sine of half the angle of a wedge: these are of 60° and less."""
 
@@ -127,35 +134,103 @@ def smallest(squares: Squares, balls: Numbers, *, periodic: Axes, walled: bool) 
     return float(found.min())
 
 
+class Widths(NamedTuple):
+    """How wide balls are about places that are no voxels' centres: half of that, by square.
+
+    ``squares`` are those that balls have, ascending, and ``radii`` do not fall.
+    """
+
+    squares: Floats
+    radii: Floats
+
+
+def widths(squares: Squares, balls: Numbers, periodic: Axes) -> Widths:
+    """Return by how much balls about voxels are too small or too large, by their size.
+
+    A ball about the centre of a voxel misses the middle between walls by up to half a voxel, and
+    ends at the centre of a voxel that lies beyond the wall. The middle follows from how distances
+    fall to either side of a voxel that no larger ball covers, across the walls, that is along that
+    of 13 lines on which they fall most: of a tent that falls by a and b ≤ a, the top is (a − b)/2
+    higher. Where they fall as fast as one goes, the wall lies along a plane of voxels, and half of
+    the distance of such planes is too much. What is found is averaged over balls of one size.
+
+    Parameters
+    ----------
+    squares, balls
+        What ``squared_distances`` and ``largest_balls`` found.
+    periodic
+        Axes along which the grid closes on itself.
+
+    Returns
+    -------
+    Widths
+    """
+    given, told = source(squares.values, squares.values.dtype), source(balls, balls.dtype)
+    direct = _direct(told)
+    # Sums of the same squares in another order differ in their last digits: these are one class.
+    classes = np.arange(1.0, float(told.max()) + 1) if direct else _different(told[told > 0])
+    squared = source(classes, np.float64)
+    shape, wraps = (2, len(squared)), np.array(periodic, np.int64)
+    found: list[Integers] = []
+
+    def look(a: int, b: int) -> None:
+        sums = np.zeros(shape, np.int64)
+        _tops(given, told, squared, int(direct), squares.weights, wraps, sums, a, b)
+        found.append(sums)
+
+    slabs(len(told), _planes(told.shape), look)
+    total, count = np.sum(found, axis=0)
+    roots, some = np.sqrt(squared), np.flatnonzero(count)
+    rise = np.interp(roots, roots[some], total[some] / (count[some] * float(FINE)))
+    return Widths(squared, np.maximum.accumulate(np.maximum(roots + rise, 0.5 * roots)))
+
+
+def _different(squares: NDArray[Any]) -> NDArray[np.float32]:
+    return np.unique(squares.astype(np.float32))
+
+
 class Tally(NamedTuple):
-    """Diameters, voxel by voxel, and how many of the voxels that count have which square."""
+    """Diameters, voxel by voxel, and how many of the voxels that count have which diameter."""
 
     diameters: NDArray[np.float32]
-    squares: Floats
+    sizes: Floats
     counts: Integers
 
 
-def tally(balls: Numbers, counted: NDArray[np.bool_], scale: float) -> Tally:
-    """Return the roots of ``balls`` times ``scale``, and how often each of their squares occurs."""
+def tally(balls: Numbers, counted: NDArray[np.bool_], wide: Widths, step: float) -> Tally:
+    """Return the diameters of balls, and how often each occurs among the voxels that count.
+
+    Parameters
+    ----------
+    balls
+        What ``largest_balls`` found.
+    counted
+        Which voxels count, bool.
+    wide
+        How wide they are.
+    step
+        The unit of length in which that is.
+    """
     given, some = source(balls, balls.dtype), source(counted, np.bool_).view(np.uint8)
-    largest = float(given.max(initial=0))
-    if largest >= CLASSES or not _whole(given):
-        # Sums of the same squares in another order differ in their last digits.
-        several, numbers = np.unique(given[counted].astype(np.float32), return_counts=True)
-        roots = np.sqrt(given, dtype=np.float32)
-        roots *= np.float32(scale)
-        return Tally(roots, several.astype(np.float64), numbers)
-    diameters, found = np.empty(given.shape, np.float32), []
+    diameters = np.empty(given.shape, np.float32)
+    sizes = np.concatenate([[0.0], 2 * step * wide.radii])
+    counts: list[Integers] = []
 
-    def count(a: int, b: int) -> None:
-        counts = np.zeros(int(largest) + 1, np.int64)
-        _tally(given, some, np.float32(scale), diameters, counts, a, b)
-        found.append(counts)
+    def look(a: int, b: int) -> None:
+        found = np.zeros(len(sizes), np.int64)
+        _tally(given, some, wide.squares, int(_direct(given)), sizes, diameters, found, a, b)
+        counts.append(found)
 
-    slabs(len(given), _planes(given.shape), count)
-    total = np.sum(found, axis=0)
-    squares = np.flatnonzero(total)
-    return Tally(diameters, squares.astype(np.float64), total[squares])
+    slabs(len(given), _planes(given.shape), look)
+    number = np.sum(counts, axis=0)
+    different, which = np.unique(sizes[number > 0], return_inverse=True)
+    found = np.bincount(which, number[number > 0]).astype(np.int64)
+    return Tally(diameters, different, found)
+
+
+def _direct(balls: Numbers) -> bool:
+    """Tell whether squares are so small whole numbers that they are places in a row."""
+    return _whole(balls) and float(balls.max(initial=0)) < CLASSES
 
 
 def _planes(shape: tuple[int, ...]) -> int:
@@ -583,13 +658,61 @@ def _lay(table, shape, wraps, sizes, reach, value, free, some, stencil, profile,
 
 
 @kernel
-def _tally(balls, counted, scale, diameters, counts, first, last):
+def _tally(balls, counted, classes, direct, sizes, diameters, counts, first, last):
     for i in range(first, last):
         for j in range(balls.shape[1]):
             for k in range(balls.shape[2]):
-                diameters[i, j, k] = scale * np.sqrt(np.float32(balls[i, j, k]))
-            for k in range(balls.shape[2]):
-                counts[balls[i, j, k]] += counted[i, j, k]
+                at = np.int64(balls[i, j, k])
+                if not direct and balls[i, j, k] > 0:
+                    at = 1 + np.searchsorted(classes, np.float64(np.float32(balls[i, j, k])))
+                diameters[i, j, k] = sizes[at]
+                counts[at] += counted[i, j, k]
+
+
+@kernel
+def _tops(squares, balls, classes, direct, weights, wraps, sums, first, last):
+    # Add up how much higher than at voxels that no larger ball covers distances are close by.
+    shape = squares.shape
+    beside = np.zeros(2, np.float64)
+    for i in range(first, last):
+        for j in range(shape[1]):
+            for k in range(shape[2]):
+                if squares[i, j, k] == 0 or squares[i, j, k] != balls[i, j, k]:
+                    continue
+                middle, best, rise = np.sqrt(np.float64(squares[i, j, k])), 0.0, 0.0
+                for step in range(14, 27):
+                    x, y, z = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
+                    inside = True
+                    for side in range(2):
+                        a, b, c = i + (x, -x)[side], j + (y, -y)[side], k + (z, -z)[side]
+                        if wraps[0]:
+                            a %= shape[0]
+                        if wraps[1]:
+                            b %= shape[1]
+                        if wraps[2]:
+                            c %= shape[2]
+                        if 0 <= a < shape[0] and 0 <= b < shape[1] and 0 <= c < shape[2]:
+                            beside[side] = middle - np.sqrt(np.float64(squares[a, b, c]))
+                        else:
+                            inside = False
+                    length = np.sqrt(weights[0] * x * x + weights[1] * y * y + weights[2] * z * z)
+                    high, low = max(beside[0], beside[1]), min(beside[0], beside[1])
+                    if not inside or high < (best - SLACK) * length:
+                        continue
+                    more = 0.5 * (high - max(low, 0.0))
+                    axes = abs(x) + abs(y) + abs(z)
+                    least = 1.0 - (SLACK if axes == 1 else BESIDE / middle**2)
+                    if high >= least * length:
+                        more -= 0.5 * length / axes
+                    # Of lines along which they fall alike, that with the lowest top.
+                    if high > (best + SLACK) * length or more < rise:
+                        rise = more
+                    best = max(best, high / length)
+                at = np.int64(squares[i, j, k]) - 1
+                if not direct:
+                    at = np.searchsorted(classes, np.float64(np.float32(squares[i, j, k])))
+                sums[0, at] += np.int64(np.rint(rise * FINE))
+                sums[1, at] += 1
 
 
 @kernel
