@@ -152,6 +152,15 @@ def test_caps_stay_in_their_sides(surface, grid, easy, monkeypatch):
     assert areas.sum() == pytest.approx(sizes[off <= 0.1 * edge].sum(), rel=0.1)
 
 
+def test_the_distance_to_some_triangles_is_no_less(surface, grid, monkeypatch):
+    exact = shown(surface, 400)
+    monkeypatch.setattr(_mesh_data, "MANY", len(surface.triangles) // 3)
+    monkeypatch.setattr(_mesh_data, "SLAB", 500)
+    part = shown(surface, 400)
+    assert np.array_equal(part.points, exact.points)
+    assert exact.away < part.away < exact.away + grid.frame.diagonal
+
+
 def test_dust_is_shown_in_part():
     solid = np.zeros((15, 18, 21), bool)
     solid[1::3, 1::3, 1::3] = True
