@@ -240,7 +240,7 @@
 
   // --- what the reader does ------------------------------------------------------------------
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const home = () => 2.95 * Math.max(1, canvas.clientHeight / canvas.clientWidth);
+  const HOME = 2.95;
 
   const turnBy = (turn, rise) => {
     camera.turn += turn;
@@ -261,7 +261,7 @@
     const [turn, rise] = VIEWS[name];
     const from = { ...camera };
     from.turn = Math.atan2(Math.sin(from.turn - turn), Math.cos(from.turn - turn)) + turn;
-    const to = { turn, rise, away: home(), target: [0, 0, 0] };
+    const to = { turn, rise, away: HOME, target: [0, 0, 0] };
     const first = performance.now();
     const step = (now) => {
       const part = still.matches ? 1 : Math.max(0, Math.min(1, (now - first) / 250));
@@ -358,7 +358,7 @@
     setUp();
     listen();
     const [turn, rise] = VIEWS.reset;
-    Object.assign(camera, { turn, rise, away: home() });
+    Object.assign(camera, { turn, rise, away: HOME });
     changed();
     draw();
     root.dataset.view = "ready";
