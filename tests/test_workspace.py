@@ -99,7 +99,8 @@ def test_files_of_another_recipe_go_and_those_of_the_same_stay(tmp_path):
     make(recipe, tmp_path, only="voxels")
     assert names(tmp_path) == {*ALL, LAST, "notes.txt"}
     make(load("menger", set={**COARSE, "voxels.voxels": 6}), tmp_path, only="voxels")
-    assert names(tmp_path) == {"recipe.toml", "grid.vti", "log.json", LAST, "notes.txt"}
+    left = {"recipe.toml", "grid.vti", "log.json", "measures.csv", LAST, "notes.txt"}
+    assert names(tmp_path) == left
 
 
 def test_every_file_that_is_made_is_known(tmp_path):
