@@ -398,3 +398,10 @@ def test_the_peak_out_of_core_stays_below_what_is_said():
     memory_, disk = json.loads(run.stdout.splitlines()[-1])
     assert memory_ <= said.memory <= 4 * memory_
     assert disk <= said.disk <= 4 * disk
+
+
+def test_a_survey_is_foreseen_where_all_is_measured():
+    recipe = load("menger", set={"voxels.voxels": 27, "report.detail": "full"})
+    assert "survey" in [cost.stage for cost in estimate(recipe).costs]
+    assert "survey" not in [cost.stage for cost in estimate(recipe, only="voxels").costs]
+    assert "survey" not in [cost.stage for cost in estimate(load("menger")).costs]

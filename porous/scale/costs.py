@@ -48,6 +48,8 @@ MOST_CELLS = 100_000
 """Cells of a model up to which its voxels are tried out: more take too long to make."""
 GRID_TILE = 1 << 26
 """Voxels that are measured at once."""
+SURVEYED = 1 << 24
+"""Voxels up to which all families of a survey take them all; beyond, some take coarser ones."""
 SEAM, SEAM_PIECES = 80, 500
 """Bytes that a voxel at the border of a tile takes until its neighbours are measured: where there
 is little surface, and how much more where there is a triangle for every voxel."""
@@ -81,13 +83,15 @@ RATES: dict[str, Rate] = {
     "tetwild": Rate(work=2_500, kept=500, seconds=1e-3),  # a triangle
     "cells": Rate(work=2 * BYTES_PER_CELL, kept=2000, seconds=5e-5),  # a cell
     "cells drawn": Rate(work=8000, kept=5000),  # a cell that voxels are made of
-    "measured surface": Rate(work=300, kept=50, seconds=11e-6),  # a triangle
+    "measured surface": Rate(work=220, kept=50, seconds=5e-6),  # a triangle
     "measured mesh": Rate(work=1100, kept=20, seconds=20e-6),  # an element
     "measured skin": Rate(work=110),  # a triangle of the voxels' surface
     "measured grid": Rate(work=2),  # a voxel of a tile
     "measured chunk": Rate(work=6),  # a voxel of a chunk
     "measured bulk": Rate(work=4),  # a voxel of either
     "counted grid": Rate(seconds=60e-9),  # a voxel
+    "surveyed": Rate(work=36, kept=8, seconds=1.5e-6),  # a voxel
+    "surveyed in part": Rate(work=50, seconds=1.5e-6),  # a voxel of those that all families take
     "grid.vti": Rate(work=1.2, seconds=8e-9),  # a voxel
     "surface.stl": Rate(work=12, disk=50, seconds=1.2e-6),  # a triangle
     "mesh.vtu": Rate(work=90, disk=22, seconds=0.9e-6),  # an element
@@ -102,7 +106,7 @@ RATES: dict[str, Rate] = {
     "stored measures": Rate(seconds=80e-9),  # a voxel
 }
 SECONDS = {"model": 2.0, "voxels": 0.5, "surface": 0.3, "volume": 0.5, "measures": 1.0}
-SECONDS |= {"files": 0.1, "report": 4.0, "tetwild": 4.0}
+SECONDS |= {"survey": 2.0, "files": 0.1, "report": 4.0, "tetwild": 4.0}
 WANTED: Mapping[str, tuple[str, ...]] = {
     "model": (),
     "voxels": ("voxels",),
@@ -422,6 +426,15 @@ class Work:
         if self.volume == "hexahedra":
             parts.append(("measured skin", self.skin))
         self._add("measures", *parts, work=self._seams)
+        if self._is_surveyed:
+            part = min(self.size, SURVEYED)
+            self._add("survey", ("surveyed", self.size), ("surveyed in part", part))
+
+    @property
+    def _is_surveyed(self) -> bool:
+        """Whether the grid is measured in full."""
+        asked = "report" in self.wanted or self.wanted == WANTED["measures"]
+        return asked and not self.stored and self.size > 0 and self.recipe.detail == "full"
 
     def _grid_parts(self) -> list[tuple[str, float]]:
         if self.stored:
