@@ -384,7 +384,8 @@ def test_the_files_are_called_cells(recipe, tmp_path):
 def test_only_the_volume_is_written(recipe, tmp_path):
     make(recipe(BentCells(ring())), tmp_path, only="volume")
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"recipe.toml", "cells.vtu", "cells.inp", "log.json", LAST}
+    wanted = {"recipe.toml", "cells.vtu", "cells.inp", "log.json", "measures.csv", LAST}
+    assert names == wanted
 
 
 def test_the_report_says_whose_cells_they_are(recipe):
