@@ -65,6 +65,9 @@ NEAR = 2
 FINE = 1 << 24
 """Parts of a voxel that are added up, as whole numbers: sums do not depend on their order."""
 
+LEVEL = 0.25
+"""The part of places between walls about which distances are level: of flat walls that much."""
+
 BESIDE = 0.65
 """Along diagonals the nearest voxel of a wall may lie beside the line: half a square of a voxel, or
 two thirds, by which distances fall less than one goes."""
@@ -151,8 +154,9 @@ def widths(squares: Squares, balls: Numbers, periodic: Axes) -> Widths:
     ends at the centre of a voxel that lies beyond the wall. The middle follows from how distances
     fall to either side of a voxel that no larger ball covers, across the walls, that is along that
     of 13 lines on which they fall most: of a tent that falls by a and b ≤ a, the top is (a − b)/2
-    higher. Where they fall as fast as one goes, the wall lies along a plane of voxels, and half of
-    the distance of such planes is too much. What is found is averaged over balls of one size.
+    higher. Where they fall as fast as one goes, and at a quarter of the places or more not at all
+    along another line, the wall is flat and lies along a plane of voxels: half of the distance of
+    such planes is too much. What is found is averaged over balls of one size.
 
     Parameters
     ----------
@@ -170,7 +174,7 @@ def widths(squares: Squares, balls: Numbers, periodic: Axes) -> Widths:
     # Sums of the same squares in another order differ in their last digits: these are one class.
     classes = np.arange(1.0, float(told.max()) + 1) if direct else _different(told[told > 0])
     squared = source(classes, np.float64)
-    shape, wraps = (2, len(squared)), np.array(periodic, np.int64)
+    shape, wraps = (4, len(squared)), np.array(periodic, np.int64)
     found: list[Integers] = []
 
     def look(a: int, b: int) -> None:
@@ -179,9 +183,10 @@ def widths(squares: Squares, balls: Numbers, periodic: Axes) -> Widths:
         found.append(sums)
 
     slabs(len(told), _planes(told.shape), look)
-    total, count = np.sum(found, axis=0)
+    rises, walls, level, count = np.sum(found, axis=0)
     roots, some = np.sqrt(squared), np.flatnonzero(count)
-    rise = np.interp(roots, roots[some], total[some] / (count[some] * float(FINE)))
+    over = (rises - np.where(level >= LEVEL * count, walls, 0))[some] / (count[some] * float(FINE))
+    rise = np.interp(roots, roots[some], over)
     return Widths(squared, np.maximum.accumulate(np.maximum(roots + rise, 0.5 * roots)))
 
 
@@ -671,7 +676,8 @@ def _tally(balls, counted, classes, direct, sizes, diameters, counts, first, las
 
 @kernel
 def _tops(squares, balls, classes, direct, weights, wraps, sums, first, last):
-    # Add up how much higher than at voxels that no larger ball covers distances are close by.
+    # Add up how much higher than at voxels that no larger ball covers distances are close by, how
+    # far beyond a flat wall they end, at how many they are level along a line, and all of them.
     shape = squares.shape
     beside = np.zeros(2, np.float64)
     for i in range(first, last):
@@ -680,6 +686,7 @@ def _tops(squares, balls, classes, direct, weights, wraps, sums, first, last):
                 if squares[i, j, k] == 0 or squares[i, j, k] != balls[i, j, k]:
                     continue
                 middle, best, rise = np.sqrt(np.float64(squares[i, j, k])), 0.0, 0.0
+                before, level = 0.0, False
                 for step in range(14, 27):
                     x, y, z = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
                     inside = True
@@ -697,22 +704,26 @@ def _tops(squares, balls, classes, direct, weights, wraps, sums, first, last):
                             inside = False
                     length = np.sqrt(weights[0] * x * x + weights[1] * y * y + weights[2] * z * z)
                     high, low = max(beside[0], beside[1]), min(beside[0], beside[1])
-                    if not inside or high < (best - SLACK) * length:
+                    if not inside:
                         continue
-                    more = 0.5 * (high - max(low, 0.0))
-                    axes = abs(x) + abs(y) + abs(z)
+                    level |= max(high, -low) < SLACK * length
+                    if high < (best - SLACK) * length:
+                        continue
+                    more, wall, axes = 0.5 * (high - max(low, 0.0)), 0.0, abs(x) + abs(y) + abs(z)
                     least = 1.0 - (SLACK if axes == 1 else BESIDE / middle**2)
                     if high >= least * length:
-                        more -= 0.5 * length / axes
+                        wall = 0.5 * length / axes
                     # Of lines along which they fall alike, that with the lowest top.
-                    if high > (best + SLACK) * length or more < rise:
-                        rise = more
+                    if high > (best + SLACK) * length or more - wall < rise - before:
+                        rise, before = more, wall
                     best = max(best, high / length)
                 at = np.int64(squares[i, j, k]) - 1
                 if not direct:
                     at = np.searchsorted(classes, np.float64(np.float32(squares[i, j, k])))
                 sums[0, at] += np.int64(np.rint(rise * FINE))
-                sums[1, at] += 1
+                sums[1, at] += np.int64(np.rint(before * FINE))
+                sums[2, at] += np.int64(level)
+                sums[3, at] += 1
 
 
 @kernel
