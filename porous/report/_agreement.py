@@ -16,7 +16,11 @@ ROUNDING = 1e-9
 """Relative difference that is put down to floating-point numbers."""
 
 COVERAGE = 2.0
-"""Standard uncertainties within which two numbers are said to agree: about 95 %."""
+"""Standard uncertainties of a half-width: about 95 %."""
+
+ROOM = 1.5
+"""Half-widths within which two numbers are said to agree: three standard uncertainties. A report
+compares dozens of numbers that are right, and at one half-width every twentieth would not agree."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +68,13 @@ def agree(a: Measure, b: Measure) -> bool:
     """Tell whether two measures of one quantity are equal within what both admit."""
     if math.isnan(a.value) or math.isnan(b.value) or a.value == b.value:
         return True
-    allowed = half_width(a) + half_width(b) + ROUNDING * max(abs(a.value), abs(b.value))
+    allowed = _room(a) + _room(b) + ROUNDING * max(abs(a.value), abs(b.value))
     gap = abs(a.value - b.value)
     return math.isfinite(gap) and gap <= allowed
+
+
+def _room(measure: Measure) -> float:
+    return half_width(measure) * (ROOM if measure.kind == "standard" else 1.0)
 
 
 def half_width(measure: Measure) -> float:
