@@ -386,8 +386,8 @@ def _of_boxes(sample: Sample) -> Findings:
     low, high = fit.slope - NORMAL * fit.doubt, fit.slope + NORMAL * fit.doubt
     window = counts.sizes[: fit.window]
     note = (
-        f"box dimension: {fit.slope:.4f}, with 95 % from {low:.4f} to {high:.4f}, is the slope over "
-        f"{fit.window} sizes of boxes, {window[0]} to {window[-1]} voxels along an edge"
+        f"box dimension: {fit.slope:.4f}, with 95 % from {low:.4f} to {high:.4f}, is the slope "
+        f"over {fit.window} sizes of boxes, {window[0]} to {window[-1]} voxels along an edge"
     )
     return Findings(Measures(tuple(rows)), _curves(sample.frame, counts, spectrum), (note,))
 
