@@ -6,6 +6,7 @@ import pytest
 import porous as po
 from porous.errors import GridError
 from porous.measures import Sample, Survey, families, local_thickness, survey
+from porous.recipe import parse
 from porous.values import Curve, Frame, VoxelGrid
 
 
@@ -95,3 +96,15 @@ def test_one_seed_gives_one_survey():
     model = po.build(po.load("menger", set={"model.level": 1}))
     body = po.voxelize(model, voxels=9)
     assert survey(body, model=model) == survey(body, model=model)
+
+
+def test_large_images_are_measured_by_their_voxels_alone(tmp_path, monkeypatch):
+    np.savez(tmp_path / "a.npz", fill=grid((8, 9, 10)).fill, spacing=[1.0, 1.0, 1.0])
+    table = {"kind": "image", "path": str(tmp_path / "a.npz"), "threshold": 128}
+    recipe = parse({"format": 1, "model": table, "report": {"detail": "brief"}})
+    assert po.run(recipe, only="measures").surface is not None
+    monkeypatch.setattr("porous.pipeline._work.SURFACE_VOXELS", 700)
+    result = po.run(recipe, only="measures")
+    assert result.surface is None
+    assert any(note.startswith("no surface") for note in result.notes)
+    assert "surface_area" in result.measures

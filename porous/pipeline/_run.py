@@ -120,7 +120,7 @@ def _through(work: Work, only: str | None) -> Result:
     work.build()
     if "voxels" in wanted:
         work.voxelize()
-    if "surface" in wanted:
+    if "surface" in wanted and not (only == "measures" and work.is_large_scan):
         work.extract_surface()
     if "volume" in wanted:
         work.fill_volume()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from porous.measures import Findings, Sample, Survey, families
 from porous.models.model import HasDoubts, HasLattice
+from porous.scale.costs import SURFACE_VOXELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
 IN_MEMORY = (
     "full detail is measured of voxels in memory only; out of core the report has what passes over "
     "the tiles tell"
+)
+
+
+NO_SURFACE = (
+    f"no surface: images of more than {SURFACE_VOXELS} voxels are measured by these alone; "
+    "porous make makes one"
 )
 
 

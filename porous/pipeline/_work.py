@@ -13,8 +13,9 @@ import numpy as np
 from porous.errors import GridError, GuestError, MemoryLimitError, MeshError, ModelError
 from porous.measures import Findings
 from porous.pipeline._result import Result
-from porous.pipeline._survey import IN_MEMORY, how_of, surveyed
+from porous.pipeline._survey import IN_MEMORY, NO_SURFACE, how_of, surveyed
 from porous.recipe import build
+from porous.scale.costs import SURFACE_VOXELS
 from porous.values import Box, Measures, Part, VoxelGrid
 from porous.values.box import SIDES
 
@@ -146,6 +147,18 @@ class Work:
     @property
     def _sampling(self) -> str:
         return self.recipe.voxels.sampling or "fill"
+
+    @property
+    def is_large_scan(self) -> bool:
+        """Whether this is an image of so many voxels that its numbers are taken of these alone.
+
+        Triangles over binary voxels tell less than lines through them, and take longest of all.
+        """
+        is_image = self.recipe.model.kind == "image"  # type: ignore[attr-defined]
+        if self.grid is None or not is_image or self.grid.frame.size <= SURFACE_VOXELS:
+            return False
+        self.notes.append(NO_SURFACE)
+        return True
 
     def extract_surface(self) -> None:
         method = self.recipe.surface.method

@@ -46,6 +46,8 @@ PICTURE = 520 << 20
 """Bytes of the process that draws the report's picture, of a small scene."""
 MOST_CELLS = 100_000
 """Cells of a model up to which its voxels are tried out: more take too long to make."""
+SURFACE_VOXELS = 1 << 25
+"""Voxels of an image up to which a surface is made of it to be measured, as the pipeline has it."""
 GRID_TILE = 1 << 26
 """Voxels that are measured at once."""
 SURVEYED = 1 << 24
@@ -243,7 +245,9 @@ class Work:
         """Whether a surface is made: because it is wanted, or to be filled."""
         tetrahedra = self.recipe.volume.method in ("auto", "tetwild")
         filled = "volume" in self.wanted and self.volume not in ("", "cells") and tetrahedra
-        return "surface" in self.wanted or filled
+        scan = self.recipe.model.kind == "image"  # type: ignore[attr-defined]
+        alone = scan and self.wanted == WANTED["measures"] and self.size > SURFACE_VOXELS
+        return ("surface" in self.wanted and not alone) or filled
 
     @cached_property
     def streams(self) -> bool:
