@@ -220,10 +220,11 @@ def tally(balls: Numbers, counted: NDArray[np.bool_], wide: Widths, step: float)
     diameters = np.empty(given.shape, np.float32)
     sizes = np.concatenate([[0.0], 2 * step * wide.radii])
     counts: list[Integers] = []
+    direct = int(_direct(given))
 
     def look(a: int, b: int) -> None:
         found = np.zeros(len(sizes), np.int64)
-        _tally(given, some, wide.squares, int(_direct(given)), sizes, diameters, found, a, b)
+        _tally(given, some, wide.squares, direct, sizes, diameters, found, a, b)
         counts.append(found)
 
     slabs(len(given), _planes(given.shape), look)
@@ -669,9 +670,22 @@ def _tally(balls, counted, classes, direct, sizes, diameters, counts, first, las
             for k in range(balls.shape[2]):
                 at = np.int64(balls[i, j, k])
                 if not direct and balls[i, j, k] > 0:
-                    at = 1 + np.searchsorted(classes, np.float64(np.float32(balls[i, j, k])))
+                    at = 1 + _class(classes, balls[i, j, k])
                 diameters[i, j, k] = sizes[at]
                 counts[at] += counted[i, j, k]
+
+
+@kernel
+def _class(classes, square):
+    # Where a square stands in an ascending row of such, rounded as they are.
+    a, b, rounded = 0, len(classes), np.float64(np.float32(square))
+    while a < b:
+        half = (a + b) // 2
+        if classes[half] < rounded:
+            a = half + 1
+        else:
+            b = half
+    return a
 
 
 @kernel
@@ -719,7 +733,7 @@ def _tops(squares, balls, classes, direct, weights, wraps, sums, first, last):
                     best = max(best, high / length)
                 at = np.int64(squares[i, j, k]) - 1
                 if not direct:
-                    at = np.searchsorted(classes, np.float64(np.float32(squares[i, j, k])))
+                    at = _class(classes, squares[i, j, k])
                 sums[0, at] += np.int64(np.rint(rise * FINE))
                 sums[1, at] += np.int64(np.rint(before * FINE))
                 sums[2, at] += np.int64(level)
