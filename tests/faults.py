@@ -43,6 +43,7 @@ from porous.values import (
     SurfaceMesh,
     VolumeMesh,
     VoxelGrid,
+    VoxelMaps,
 )
 
 RECIPE = "0123456789abcdef" * 4
@@ -405,6 +406,7 @@ MESH = VolumeMesh(
 )
 EXAMPLES = {
     VoxelGrid: VoxelGrid(Frame((0, 0, 0), (1, 2, 3), SOLID.shape), SOLID),
+    VoxelMaps: VoxelMaps(Frame((0, 0, 0), (1, 2, 3), SOLID.shape), {"pore_diameter": SOLID / 7}),
     SurfaceMesh: SurfaceMesh(TETRAHEDRON, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])),
     VolumeMesh: MESH,
     MeshFields: MeshFields(MESH, (Field("temperature", np.arange(4.0), "K"),)),

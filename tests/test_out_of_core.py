@@ -86,7 +86,7 @@ def test_the_same_as_in_memory(tmp_path, name):
 
 def test_everything_is_there(tmp_path):
     made = workspace.make_stored(load("menger", set=MENGER), tmp_path, chunk=CHUNK)
-    wanted = {"recipe.toml", "grid.zarr", "surface.stl", "report.html", "log.json"}
+    wanted = {"recipe.toml", "grid.zarr", "surface.stl", "report.html", "measures.csv", "log.json"}
     assert {path.name for path in tmp_path.iterdir()} == {*wanted, workspace.LAST}
     assert made.volume is None
     assert any("no volume mesh: out of core" in note for note in made.notes)
