@@ -105,7 +105,7 @@ def local_thickness(
     a ball about the centre of a voxel holds the voxels whose centres are nearer to it than that of
     the nearest voxel of the other phase. Its diameter is twice that distance, less or more by what
     balls of its size miss on average: the middle between walls, which is no voxel's centre, and the
-    wall, which lies before the centre of the voxel beyond it (``kernels.thickness.widths``).
+    wall, which lies before the centre of the voxel beyond it (``kernels.diameters.widths``).
 
     Parameters
     ----------
@@ -137,8 +137,9 @@ def local_thickness(
     MemoryLimitError
         Where there is too little memory.
     """
+    from porous.kernels.diameters import smallest, tally, widths
     from porous.kernels.distance import FAR, squared_distances
-    from porous.kernels.thickness import largest_balls, smallest, tally, widths
+    from porous.kernels.thickness import largest_balls
 
     frame = grid.frame
     alike = len(set(frame.spacing)) == 1
