@@ -275,6 +275,14 @@ def test_profiles_follow_what_changes_along_an_axis():
     assert x.y == pytest.approx(np.full(10, 1 - np.arange(3, 9).mean() * 20 / 255))
 
 
+@pytest.mark.parametrize("solid", [False, True])
+def test_a_grid_without_bulk_has_no_profile(solid):
+    grid = grid_of(np.full((12, 13, 14), solid))
+    found = survey(replace(grid, bulk=np.zeros_like(grid.fill)), only=["statistics"])
+    assert not [curve for curve in found.curves if curve.name == "porosity_profile"]
+    assert not [row for row in found.measures if row.name.startswith(("pore", "material"))]
+
+
 def boxes(grid, name="representative_volume"):
     curves = [c for c in survey(grid, only=["statistics"]).curves if c.name == name]
     return curves[0] if curves else None

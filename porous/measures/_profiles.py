@@ -89,7 +89,8 @@ def porosity_profiles(sample: Sample) -> tuple[Curve, ...]:
     Returns
     -------
     tuple of Curve
-        porosity_profile along x, y and z, over the places of the layers' centres.
+        porosity_profile along x, y and z, over the places of the layers' centres; none where there
+        is no bulk.
     """
     frame = sample.frame
     sums = [Sums(np.zeros(n), np.zeros(n)) for n in frame.shape]
@@ -98,7 +99,8 @@ def porosity_profiles(sample: Sample) -> tuple[Curve, ...]:
             total[0][part] += given.sum(axis=(1, 2))
             total[1][:] += given.sum(axis=(0, 2))
             total[2][:] += given.sum(axis=(0, 1))
-    return tuple(_profile(frame, axis, found.porosity) for axis, found in enumerate(sums))
+    layers = enumerate(found.porosity for found in sums)
+    return tuple(_profile(frame, axis, told) for axis, told in layers if np.isfinite(told).any())
 
 
 def _profile(frame: Frame, axis: int, layers: Floats) -> Curve:
