@@ -212,6 +212,54 @@ def test_the_uncertainty_of_samples_is_that_of_their_spread():
     assert abs(np.mean(pulls)) < 0.6
 
 
+def overlapping_balls(rng, n, radius, density):
+    """Balls at random in a periodic box of n³ voxels, as many as may be in such a volume."""
+    solid, reach = np.zeros((n, n, n), bool), int(radius) + 2
+    for centre in rng.random((rng.poisson(density * n**3), 3)) * n:
+        places = [np.arange(int(c) - reach, int(c) + reach + 1) for c in centre]
+        x, y, z = (at + 0.5 - c for at, c in zip(places, centre, strict=True))
+        ball = x[:, None, None] ** 2 + y[:, None] ** 2 + z**2 < radius**2
+        solid[np.ix_(*(at % n for at in places))] |= ball
+    return solid
+
+
+def test_the_uncertainty_of_samples_covers_what_creases_are_off():
+    """Of balls at random χ is known; of their voxels it is off at any resolution."""
+    radius, pulls = 6.0, []
+    density = np.log(2) / (4 / 3 * np.pi * radius**3)
+    area, width = 4 * np.pi * radius**2, 4 * np.pi * radius
+    truth = 0.5 * density * (density * width * area / (4 * np.pi) - 1)
+    truth -= 0.5 * np.pi * density**3 * area**3 / 384
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        grid = VoxelGrid.of_solid(
+            overlapping_balls(rng, 64, radius, density), Frame((0, 0, 0), (1, 1, 1), (64, 64, 64))
+        )
+        for connectivity in (6, 26):
+            row = connectivity_density(grid, beyond="unknown", connectivity=connectivity)
+            pulls.append((row.value - truth) / row.uncertainty)
+            assert row.uncertainty < truth
+    assert np.linalg.norm(pulls) / np.sqrt(len(pulls)) < 2
+
+
+def test_samples_that_cannot_be_halved_have_no_known_uncertainty():
+    solid = np.random.default_rng(8).random((7, 8, 9)) < 0.5
+    row = connectivity_density(grid_of(solid), beyond="unknown")
+    assert row.uncertainty == np.inf
+
+
+def test_a_bulk_that_was_sampled_leaves_its_volume_open():
+    solid, bulk = np.pad(frame_of_bars(5), 1), np.zeros((7, 7, 7), np.uint8)
+    bulk[1:6, 1:6, 1:6] = 255
+    row = connectivity_density(grid_of(solid, bulk=bulk))
+    assert (row.kind, row.uncertainty) == ("exact", 0)
+    bulk[1, 1:6, 1:6] = 191
+    row = connectivity_density(grid_of(solid, bulk=bulk))
+    assert row.value == pytest.approx(5 / ((100 + 25 * 0.75) * np.prod(SPACING)))
+    assert row.kind == "standard"
+    assert row.value * 0.13 * 25 / 118.75 <= row.uncertainty < 0.1 * row.value
+
+
 def test_a_survey_of_a_sample_tells_its_tunnels_without_the_sides():
     solid = np.random.default_rng(6).random((8, 9, 10)) < 0.5
     found = survey(Sample(grid_of(solid), how=Survey(beyond="unknown")), only=["topology"])

@@ -13,17 +13,16 @@ from porous.kernels.windows import FUNCTIONALS, block_histogram
 from porous.measures._census import Census, count_windows
 from porous.measures._phase import BEYOND, PREFIX
 from porous.measures._porosity import Amounts
-from porous.measures._sample import Family, Findings
+from porous.measures._sample import Family, Findings, Sample
 from porous.measures._topology import METHOD, cavities
 from porous.models.model import HasExact
 from porous.values import Frame, Measure, Measures, VoxelGrid
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
-    from porous.measures._sample import Sample
     from porous.models.model import Model
     from porous.values.tiled import Tiled
 
@@ -140,9 +139,12 @@ def connectivity_density(
     Returns
     -------
     Measure
-        Exact of a body that ends, but for the volume of a bulk that was sampled. Of a sample the
-        uncertainty is the standard error of −χ/V over its eight octants, which a trend adds to, and
-        1/V; not known where there are fewer than four voxels along an axis.
+        Exact of a body that ends, but for the volume of a bulk that fills voxels in part: that was
+        sampled, and so is its volume. Of a sample the uncertainty is the standard error of −χ/V
+        over its eight octants, which a trend adds to, and 1/V; half the difference between the two
+        ways to join voxels, here or at half the resolution, whichever is more; and the difference
+        to half the resolution. Where bodies meet in creases χ is off at any resolution, and these
+        two tell by how much. Not known where the grid cannot be halved.
 
     Raises
     ------
@@ -156,7 +158,7 @@ def connectivity_density(
     census = Census.of(grid)
     if beyond == "void" or all(census.frame.periodic):
         return _of_body(census, connectivity)
-    return _of_sample(census, connectivity)
+    return _of_sample(census, (connectivity,))[0]
 
 
 def _density(census: Census, method: str, value: float, doubt: float, connectivity: int) -> Measure:
@@ -166,7 +168,7 @@ def _density(census: Census, method: str, value: float, doubt: float, connectivi
 
 
 def _of_body(census: Census, connectivity: int) -> Measure:
-    amounts = Amounts(census)
+    amounts = _amounts(census)
     tunnels = _one(census.frame) - census.number(EULER[connectivity])
     value = tunnels / (amounts.bulk * census.frame.voxel_volume)
     doubt = abs(value) * amounts.bulk_doubt / amounts.bulk
@@ -177,19 +179,43 @@ def _one(frame: Frame) -> int:
     return 0 if any(frame.periodic) else 1
 
 
-def _of_sample(census: Census, connectivity: int) -> Measure:
+def _amounts(census: Census) -> Amounts:
+    """Return the volumes of a grid whose bulk was sampled where it fills voxels in part."""
+    in_part = census.fills.histogram.sum(axis=0)[1:255].any()
+    return Amounts(Census(census.source, sampled=True) if in_part else census)
+
+
+def _of_sample(census: Census, connectivities: Iterable[int]) -> tuple[Measure, ...]:
     frame = census.frame
     if census.has_bulk:
         raise GridError("connectivity_density: the bulk is not the grid's box; wanted a box")
-    fill, _ = census.source.block((0, 0, 0), frame.shape)
-    euler, volume = _inner(fill, frame, connectivity)
-    if not volume:
+    if any(n < 2 and not wraps for n, wraps in zip(frame.shape, frame.periodic, strict=True)):
         raise GridError(
             f"connectivity_density: got a sample of {frame.shape} voxels; wanted two layers or more"
         )
-    value = (_one(frame) - euler) / volume
-    doubt = math.hypot(_over_octants(fill, frame, connectivity), 1 / volume)
-    return _density(census, SIDES, value, doubt, connectivity)
+    fill, _ = census.source.block((0, 0, 0), frame.shape)
+    one, volume = _one(frame), _volume(fill, frame)
+    here, spread = _densities_of(fill, frame, one), _over_octants(fill, frame)
+    coarse = Sample(VoxelGrid(frame, fill)).coarse
+    there = None if coarse is None else _densities_of(coarse.grid.fill, coarse.frame, one)
+    return tuple(
+        _density(
+            census,
+            SIDES,
+            here[c],
+            math.hypot(spread[c], 1 / volume, _unsure(here, there, c)),
+            c,
+        )
+        for c in connectivities
+    )
+
+
+def _unsure(here: dict[int, float], there: dict[int, float] | None, connectivity: int) -> float:
+    """Return what voxels leave open: how they are joined, and how many there are."""
+    if there is None:
+        return math.inf
+    joined = max(abs(found[6] - found[26]) / 2 for found in (here, there))
+    return math.hypot(joined, here[connectivity] - there[connectivity])
 
 
 def _mirrored(weights: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -207,26 +233,35 @@ def _mirrored(weights: NDArray[np.int64]) -> NDArray[np.float64]:
     return total / 8
 
 
-def _inner(fill: Bytes, frame: Frame, connectivity: int) -> tuple[float, float]:
-    """Return the Euler number about inner vertices, and the volume between outermost centres."""
+MIRRORED = {c: _mirrored(FUNCTIONALS[name]) for c, name in EULER.items()}
+
+
+def _volume(fill: Bytes, frame: Frame) -> float:
+    """Return the volume between outermost centres."""
+    gaps = [n if wraps else n - 1 for n, wraps in zip(fill.shape, frame.periodic, strict=True)]
+    return float(math.prod(gaps)) * frame.voxel_volume
+
+
+def _densities_of(fill: Bytes, frame: Frame, one: int) -> dict[int, float]:
+    """Return one less the Euler number about inner vertices, per volume, of both ways to join."""
     below = tuple("last" if wraps else "nothing" for wraps in frame.periodic)
     windows = block_histogram(fill, below=below, above=("nothing",) * 3)
-    gaps = [n if wraps else n - 1 for n, wraps in zip(fill.shape, frame.periodic, strict=True)]
-    weights = _mirrored(FUNCTIONALS[EULER[connectivity]])
-    return float(windows @ weights), math.prod(gaps) * frame.voxel_volume
+    volume = _volume(fill, frame)
+    return {c: (one - float(windows @ MIRRORED[c])) / volume for c in EULER}
 
 
-def _over_octants(fill: Bytes, frame: Frame, connectivity: int) -> float:
+def _over_octants(fill: Bytes, frame: Frame) -> dict[int, float]:
     """Return the standard error of −χ/V over octants, which share the layers where they meet."""
     if min(fill.shape) < 4:
-        return math.inf
+        return dict.fromkeys(EULER, math.inf)
     open_ = Frame((0, 0, 0), frame.spacing, frame.shape)
     halves = [(slice(0, n // 2 + 1), slice(n // 2, n)) for n in fill.shape]
-    found = []
-    for parts in product(*halves):
-        euler, volume = _inner(np.ascontiguousarray(fill[parts]), open_, connectivity)
-        found.append(-euler / volume)
-    return float(np.std(found, ddof=1) / math.sqrt(len(found)))
+    found = [
+        _densities_of(np.ascontiguousarray(fill[parts]), open_, 0) for parts in product(*halves)
+    ]
+    return {
+        c: float(np.std([part[c] for part in found], ddof=1) / math.sqrt(len(found))) for c in EULER
+    }
 
 
 def take(sample: Sample) -> Findings:
@@ -254,7 +289,9 @@ def _densities(sample: Sample) -> Iterator[Measure]:
     bulk, beyond = sample.grid.bulk, sample.how.beyond
     if bulk is not None and (beyond == "unknown" or bulk.max() < 128):
         return
-    if beyond == "unknown" and min(sample.frame.shape) < 2:
+    if beyond == "unknown" and not all(sample.frame.periodic):
+        if min(sample.frame.shape) > 1:
+            yield from _of_sample(sample.census, EULER)
         return
     for connectivity in EULER:
         yield connectivity_density(sample.census, beyond=beyond, connectivity=connectivity)
