@@ -264,9 +264,20 @@ def test_pores_beyond_the_bulk_do_not_count():
     bulk = np.full(solid.shape, 255, np.uint8)
     bulk[:, 6:] = 0
     local = local_thickness(replace(grid_of(solid), bulk=bulk))
-    assert local.diameters[0, 9, 0] == 8
+    assert local.diameters[0, 9, 0] == 0
     assert local.sizes.tolist() == [8.0]
     assert local.shares.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("width", [1, 2, 4, 5])
+def test_pores_beyond_the_bulk_lend_no_balls(width):
+    bulk = np.zeros((40, 41, 42), np.uint8)
+    bulk[10:30, 10:30, 10:30] = 255
+    solid = bulk > 0
+    solid[10:30, 18 : 18 + width, 10:30] = False
+    rows = values(replace(grid_of(solid), bulk=bulk))
+    assert {row.value for row in rows.values()} == {width}
+    assert "smallest_gap" in rows
 
 
 def test_the_distribution_is_that_of_the_map():

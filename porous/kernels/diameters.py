@@ -117,6 +117,13 @@ def _different(squares: NDArray[Any]) -> NDArray[np.float32]:
     return np.unique(squares.astype(np.float32))
 
 
+def half_widths(squares: Numbers | Floats | np.float64, wide: Widths) -> Floats:
+    """Return half of how wide balls of any squares are, also of such as no ball has."""
+    roots = np.append(0.0, np.sqrt(wide.squares))
+    told = np.interp(np.sqrt(squares, dtype=np.float64), roots, np.append(0.0, wide.radii))
+    return np.asarray(told, np.float64)
+
+
 class Tally(NamedTuple):
     """Diameters, voxel by voxel, and how many of the voxels that count have which diameter."""
 
@@ -217,6 +224,8 @@ def _tops(squares, balls, classes, direct, weights, wraps, sums, first, last):
                             c %= shape[2]
                         if 0 <= a < shape[0] and 0 <= b < shape[1] and 0 <= c < shape[2]:
                             beside[side] = middle - np.sqrt(np.float64(squares[a, b, c]))
+                            # Pores beyond the bulk have no balls.
+                            inside &= balls[a, b, c] > 0 or squares[a, b, c] == 0
                         else:
                             inside = False
                     length = np.sqrt(weights[0] * x * x + weights[1] * y * y + weights[2] * z * z)
@@ -250,7 +259,7 @@ def _ridge(squares, balls, weights, wraps, walled, found, first, last):
         for j in range(shape[1]):
             for k in range(shape[2]):
                 square = np.float64(squares[i, j, k])
-                if square == 0.0 or balls[i, j, k] >= found[i]:
+                if balls[i, j, k] == 0 or balls[i, j, k] >= found[i]:
                     continue
                 depth, lowest = np.sqrt(square), True
                 if 0 < i < shape[0] - 1 and 0 < j < shape[1] - 1 and 0 < k < shape[2] - 1:

@@ -10,7 +10,7 @@ import numpy as np
 
 from porous.measures._census import Census
 from porous.measures._phase import voxels_of
-from porous.measures._thickness import local_thickness
+from porous.measures._thickness import local_and_widths
 from porous.values import Frame, Measures, VoxelGrid
 from porous.values.value import Value
 
@@ -19,12 +19,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.kernels.distance import Squares
+    from porous.kernels.diameters import Widths
+    from porous.kernels.distance import Numbers, Squares
     from porous.measures._phase import Voxels
     from porous.measures._thickness import LocalThickness
     from porous.models.model import Model
     from porous.values import Curve
 
+    Floats = NDArray[np.float64]
     Progress = Callable[[str, float], None]
 
 LEAST = 4
@@ -121,7 +123,7 @@ class Sample:
         self.grid, self.model, self.progress = grid, model, progress
         self.how = how or Survey()
         self._squares: dict[str, Squares] = {}
-        self._thickness: dict[str, LocalThickness] = {}
+        self._thickness: dict[str, tuple[LocalThickness, Widths]] = {}
 
     @property
     def frame(self) -> Frame:
@@ -182,13 +184,30 @@ class Sample:
         GridError
             Where one of the phases is missing.
         """
+        return self._local(phase)[0]
+
+    def half_widths(self, phase: str, squares: Numbers | Floats) -> Floats:
+        """Return half the diameters of balls with these squares, in the frame's unit.
+
+        They are those between walls that ``thickness`` tells; 0 of 0.
+
+        Raises
+        ------
+        GridError
+            Where one of the phases is missing.
+        """
+        from porous.kernels.diameters import half_widths
+
+        return self.squares(phase).step * half_widths(squares, self.widths(phase))
+
+    def widths(self, phase: str) -> Widths:
+        """Return how wide balls of a phase are, in units of the squares' step."""
+        return self._local(phase)[1]
+
+    def _local(self, phase: str) -> tuple[LocalThickness, Widths]:
         if phase not in self._thickness:
-            self._thickness[phase] = local_thickness(
-                self.grid,
-                phase=phase,
-                beyond=self.how.beyond,
-                squares=self.squares(phase),
-                progress=self.progress,
+            self._thickness[phase] = local_and_widths(
+                self.grid, phase, self.how.beyond, self.squares(phase), self.progress
             )
         return self._thickness[phase]
 

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.kernels.diameters import Widths
     from porous.kernels.distance import Squares
     from porous.values import Frame
     from porous.values.tiled import Tiled
 
+    Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
     Progress = Callable[[str, float], None]
 
@@ -45,12 +47,13 @@ class LocalThickness(Value):
     frame
         Where the voxels lie.
     diameters
-        float32, shape ``frame.shape``, in ``frame.unit``: 0 outside of the phase.
+        float32, shape ``frame.shape``, in ``frame.unit``: 0 outside of the phase, and in pores
+        beyond the bulk.
     phase
         pore or solid.
     sizes, shares
         Shape (n,): the diameters that occur, ascending, and the part of the phase's volume that
-        has each; shares add up to 1. Pores beyond the bulk are in ``diameters`` only.
+        has each; shares add up to 1.
     smallest
         The least diameter where walls face each other; NaN where they do so nowhere.
     doubt
@@ -110,7 +113,8 @@ def local_thickness(
     Parameters
     ----------
     grid
-        The body; any spacing. Along periodic axes balls go on into its copies.
+        The body; any spacing. Along periodic axes balls go on into its copies. Centres of balls in
+        pores lie in the bulk; what is near its boundary they may reach beyond.
     phase
         pore or solid.
     beyond
@@ -137,7 +141,18 @@ def local_thickness(
     MemoryLimitError
         Where there is too little memory.
     """
-    from porous.kernels.diameters import smallest, tally, widths
+    return local_and_widths(grid, phase, beyond, squares, progress)[0]
+
+
+def local_and_widths(
+    grid: Tiled,
+    phase: str,
+    beyond: str,
+    squares: Squares | None = None,
+    progress: Progress | None = None,
+) -> tuple[LocalThickness, Widths]:
+    """Return what ``local_thickness`` does, and how wide balls are by which it was told."""
+    from porous.kernels.diameters import half_widths, smallest, tally, widths
     from porous.kernels.distance import FAR, squared_distances
     from porous.kernels.thickness import largest_balls
 
@@ -159,13 +174,14 @@ def local_thickness(
         raise GridError(
             f"local thickness: all voxels are {phase}, which ends nowhere; wanted both phases"
         )
-    balls = largest_balls(squares, periodic=periodic, progress=_part(progress, 0.4, 1.0))
+    inner = within_bulk(squares, voxels.bulk)
+    balls = largest_balls(inner, periodic=periodic, progress=_part(progress, 0.4, 1.0))
     least = smallest(squares, balls, periodic=periodic, walled=walled)
     wide = widths(squares, balls, periodic)
     found = tally(balls, voxels.counted, wide, squares.step)
     if math.isfinite(least):
-        least = 2 * squares.step * float(np.interp(least, wide.squares, wide.radii))
-    return LocalThickness(
+        least = 2 * squares.step * float(half_widths(np.float64(least), wide))
+    local = LocalThickness(
         frame,
         adopted(found.diameters),
         phase,
@@ -174,6 +190,14 @@ def local_thickness(
         least if math.isfinite(least) else math.nan,
         math.hypot(max(frame.spacing), 2 * grid.sampling_error),
     )
+    return local, wide
+
+
+def within_bulk(squares: Squares, bulk: Bools | None) -> Squares:
+    """Return squares that are 0 beyond the bulk: balls that have their centres in it."""
+    if bulk is None:
+        return squares
+    return squares._replace(values=np.where(bulk, squares.values, squares.values.dtype.type(0)))
 
 
 def _part(
