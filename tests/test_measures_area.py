@@ -80,6 +80,25 @@ def test_planes_are_seen_with_the_stated_bias(spacing):
         assert abs(area - 1) <= doubt
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("middle", [1.0, 2e3, 1e7])
+def test_needles_and_sheets_of_any_length_are_measured(axis, middle):
+    spacing = np.roll([1.0, middle, 1e7], axis)
+    rule = crofton(tuple(spacing))
+    longest = spacing.max()
+    assert rule.weights.sum() == pytest.approx(1)
+    np.testing.assert_allclose(rule.lengths, np.linalg.norm(DIRECTIONS * spacing, axis=1))
+    for normal in np.random.default_rng(1).normal(size=(40, 3)):
+        unit = normal / np.linalg.norm(normal)
+        seen = 2 * np.abs(DIRECTIONS * (spacing / longest) @ unit) / (rule.lengths / longest)
+        assert rule.lowest - 1e-3 <= seen @ rule.weights - 1 <= rule.highest + 1e-3
+    solid = np.random.default_rng(0).random((8, 8, 8)) < 0.5
+    fill = np.where(solid, 255, 0).astype(np.uint8)
+    grid = VoxelGrid(Frame((0, 0, 0), tuple(spacing), solid.shape), fill)
+    row, faces = (measures.surface_area(grid, method=m) for m in ("crofton", "voxel faces"))
+    assert abs(row.value - faces.value) <= row.uncertainty + faces.uncertainty
+
+
 @pytest.mark.parametrize("spacing", SPACINGS[:3])
 @pytest.mark.parametrize("radius", [10, 20])
 def test_balls_are_right_within_a_percent(radius, spacing):
@@ -164,6 +183,34 @@ def test_the_interface_of_a_body_inside_the_frame_is_its_surface(room):
     for method in ("crofton", "voxel faces"):
         surface = measures.surface_area(grid, method=method).value
         assert measures.interface_area(grid, method=method).value == pytest.approx(surface)
+
+
+@pytest.mark.parametrize("periodic", [(False, False, False), (True, False, False)])
+def test_the_interface_and_its_doubt_are_the_same_whichever_way_round(periodic):
+    solid = np.random.default_rng(5).random((7, 8, 5)) < 0.5
+    spacing = (1.0, 0.7, 1.2)
+
+    def taken(solid):
+        row = measures.interface_area(
+            VoxelGrid.of_solid(solid, Frame((0, 0, 0), spacing, solid.shape, periodic))
+        )
+        return row.value, row.uncertainty
+
+    for axes in ((0,), (1,), (2,), (0, 2), (0, 1, 2)):
+        assert taken(np.flip(solid, axes)) == pytest.approx(taken(solid), rel=1e-12)
+
+
+def test_the_skin_of_a_body_is_no_part_of_the_doubt_of_its_pores():
+    """One spherical pore in a block: as doubtful as the same ball of solid in nothing."""
+    pore = np.pad(ball(10).solid, 18)
+    frame = Frame((0, 0, 0), (1, 1, 1), pore.shape)
+    row = measures.interface_area(VoxelGrid.of_solid(~pore, frame))
+    truth = 4 * math.pi * 100
+    assert abs(row.value - truth) <= row.uncertainty < 0.15 * truth
+    same = measures.surface_area(VoxelGrid.of_solid(pore, frame))
+    assert (row.value, row.uncertainty) == pytest.approx((same.value, same.uncertainty))
+    block = measures.interface_area(VoxelGrid.of_solid(np.ones_like(pore), frame))
+    assert (block.value, block.uncertainty) == (0, 0)
 
 
 def test_interface_and_surface_agree_in_periodic_space():

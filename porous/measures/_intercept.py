@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from porous.errors import GridError
-from porous.measures._surface_area import FLAT, even_normals
+from porous.measures._surface_area import FLAT, even_normals, shares_of_sphere
 from porous.memory import check_memory
 from porous.values import Measure, Measures
 from porous.values.value import Value, frozen
@@ -115,15 +115,12 @@ def rays(spacing: Spacing) -> Rays:
     Weights are the parts of the unit sphere that are nearest to a direction or its opposite, as
     ``crofton`` has them of its 13.
     """
-    from scipy.spatial import SphericalVoronoi
-
     around = product(range(-FURTHEST, FURTHEST + 1), repeat=3)
     steps = np.array([s for s in around if s > (0, 0, 0) and math.gcd(*s) == 1], np.int64)
     vectors = steps * np.array(spacing)
     lengths = np.linalg.norm(vectors, axis=1)
     unit = vectors / lengths[:, None]
-    areas = SphericalVoronoi(np.concatenate([unit, -unit])).calculate_areas()
-    weights = (areas[: len(unit)] + areas[len(unit) :]) / areas.sum()
+    weights = shares_of_sphere(steps, spacing)
     off = 2 * np.abs(even_normals() @ unit.T) @ weights - 1
     spread, worst = float(np.sqrt((off**2).mean())), float(np.abs(off).max())
     return Rays(steps, unit, lengths, weights, spread, worst)

@@ -45,6 +45,11 @@ FLAT = 0.18
 estimate is off by the whole plane bias; where there is no spread it averages out."""
 
 
+NEEDLE = 1e-5
+"""Spacings below this part of the longest are taken for it when the sphere is shared out: double
+precision cannot tell the cells of directions apart that lie closer."""
+
+
 class Crofton(NamedTuple):
     """The 13 directions of a lattice: weights that add up to 1, lengths, bias over all planes."""
 
@@ -64,13 +69,10 @@ def crofton(spacing: Spacing) -> Crofton:
     The bias is (estimate − area) / area of a plane, smallest, largest and root mean square over
     all planes.
     """
-    from scipy.spatial import SphericalVoronoi
-
     steps = DIRECTIONS * (np.array(spacing) / max(spacing))
     lengths = np.linalg.norm(steps, axis=1)
     unit = steps / lengths[:, None]
-    areas = SphericalVoronoi(np.concatenate([unit, -unit])).calculate_areas()
-    weights = (areas[:13] + areas[13:]) / areas.sum()
+    weights = shares_of_sphere(DIRECTIONS, spacing)
     seen = 2 * np.abs(even_normals() @ unit.T) @ weights - 1
     # The deepest dips lie at normals of planes that hold many of the directions.
     normals = np.cross(unit[:, None], unit[None]).reshape(-1, 3)
@@ -84,6 +86,26 @@ def crofton(spacing: Spacing) -> Crofton:
         float(extremes.max()),
         float(np.sqrt((seen**2).mean())),
     )
+
+
+def shares_of_sphere(steps: NDArray[np.int64], spacing: Spacing) -> Floats:
+    """Return the parts of the sphere that are nearest to a step or its opposite, shape (m,).
+
+    Parameters
+    ----------
+    steps
+        Shape (m, 3), in voxels; of each direction and its opposite only one.
+    spacing
+        Edges of a voxel. Those below ``NEEDLE`` of the longest are taken for that, which moves a
+        direction by no more than it.
+    """
+    from scipy.spatial import SphericalVoronoi
+
+    vectors = steps * np.maximum(np.array(spacing) / max(spacing), NEEDLE)
+    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    areas = SphericalVoronoi(np.concatenate([unit, -unit])).calculate_areas()
+    count = len(steps)
+    return np.asarray((areas[:count] + areas[count:]) / areas.sum(), np.float64)
 
 
 def even_normals(count: int = 20_000) -> Floats:
@@ -111,10 +133,38 @@ def _crofton_area(crossings: Floats, frame_spacing: Spacing) -> tuple[float, flo
 
 def _lost(census: Census) -> float:
     """Return what edges may cost: ``LOST`` times what changes at twice the spacing."""
-    spacing = census.frame.spacing
-    coarse = (2 * spacing[0], 2 * spacing[1], 2 * spacing[2])
-    fine = _crofton_area(census.windows @ CROSSINGS.T, spacing)[0]
-    return LOST * abs(fine - _crofton_area(census.coarse_windows @ CROSSINGS.T / 8, coarse)[0])
+    return _changed(census, census.windows @ CROSSINGS.T, census.coarse_windows @ CROSSINGS.T / 8)
+
+
+def _changed(census: Census, crossings: Floats, coarse: Floats) -> float:
+    fine, spacing = census.frame.spacing, tuple(2 * h for h in census.frame.spacing)
+    there = _crofton_area(coarse, spacing)[0]  # type: ignore[arg-type]
+    return LOST * abs(_crofton_area(crossings, fine)[0] - there)
+
+
+def _turned(windows: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
+    """Return the numbers of windows that are turned round along an axis."""
+    bits = windows[:, None] >> (np.arange(8) ^ 4 >> axis) & 1
+    return np.asarray(bits @ (1 << np.arange(8)), np.int64)
+
+
+def _either_way() -> Floats:
+    """Return ``CROSSINGS`` as the mean over windows and those that are turned round.
+
+    A pair that does not vary along an axis lies in both halves of a window, half in each.
+    """
+    total: Floats = CROSSINGS.astype(np.float64)
+    windows, steps = np.arange(256), DIRECTIONS.tolist()
+    for axis in range(3):
+        turned = DIRECTIONS * np.where(np.arange(3) == axis, -1, 1)
+        which = [steps.index(d if d in steps else [-k for k in d]) for d in turned.tolist()]
+        total = (total + total[which][:, _turned(windows, axis)]) / 2
+    return total
+
+
+INSIDE = _either_way() / 8
+"""Phase changes along each of the 13 directions by windows that go on at the frame, which are
+counted eight times: the same whichever way round the body lies."""
 
 
 def surface_doubt(census: Census, surface: SurfaceMesh | StreamedSurface) -> tuple[float, float]:
@@ -161,9 +211,10 @@ def _interface_faces(census: Census) -> Measure:
 
 
 def _interface_crofton(census: Census) -> Measure:
-    crossings = census.continued_windows @ CROSSINGS.T
+    crossings = census.continued_windows @ INSIDE.T
     area, doubt = _crofton_area(crossings, census.frame.spacing)
-    return _row(census, "interface_area", "crofton", area, doubt + _lost(census))
+    lost = _changed(census, crossings, census.coarse_continued_windows @ INSIDE.T / 8)
+    return _row(census, "interface_area", "crofton", area, doubt + lost)
 
 
 def _specific(method: str) -> Callable[[Census], Measure]:
@@ -222,7 +273,8 @@ def interface_area(subject: Tiled | SurfaceMesh, *, method: str | None = None) -
 
     Caps close the solid where the frame cuts it. Of a surface they are the triangles with the
     names of the box's sides (XMIN … ZMAX), of a grid the voxel faces on the border of the frame;
-    ``"crofton"`` looks at windows inside the frame only. Parameters as for ``surface_area``.
+    ``"crofton"`` has the outermost voxels go on beyond the frame, and so do its doubts. Parameters
+    as for ``surface_area``.
     """
     if isinstance(subject, SurfaceMesh):
         return answer(SURFACE, "interface_area", method or "triangles", SurfaceCensus(subject))
