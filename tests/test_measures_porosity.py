@@ -11,6 +11,7 @@ from porous import build, ifs, load, measures, voxelize
 from porous.errors import GridError
 from porous.measures._census import (
     Census,
+    count_coarse_continued_windows,
     count_coarse_windows,
     count_continued_windows,
     count_fills,
@@ -183,7 +184,8 @@ def test_counts_of_tiles_add_up(periodic):
     for seed, mask in ((0, None), (1, bulk)):
         grid = random_grid((7, 9, 8), seed, periodic=periodic, bulk=mask)
         whole = [((0, 0, 0), grid.frame.shape)]
-        for count in (count_windows, count_continued_windows, count_coarse_windows):
+        counts = (count_windows, count_continued_windows)
+        for count in (*counts, count_coarse_windows, count_coarse_continued_windows):
             np.testing.assert_array_equal(
                 measures.fold(count, grid, cuts_of((7, 9, 8), seed)),
                 measures.fold(count, grid, whole),

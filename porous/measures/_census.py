@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -17,7 +18,7 @@ from porous.measures._fold import DEPTH, Block, Together, fold, layers_of, tiles
 from porous.values.tiled import Chunked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -77,27 +78,67 @@ def count_windows(source: Tiled, start: Index, stop: Index) -> Ints:
 def count_continued_windows(source: Tiled, start: Index, stop: Index) -> Ints:
     """Count the windows of a tile where the outermost voxels go on beyond the frame.
 
-    A window that looks below the frame is not counted, and one that looks above it finds the last
-    layer again.
+    Eight times as many as there are voxels: along each axis that is not periodic windows within the
+    frame count twice, and once those that look beyond one of its ends, where they find the
+    outermost layer again. So a body that is turned round has the same.
     """
     block = Block.of(source, start, stop)
-    nothing = ("nothing", "nothing", "nothing")
-    return _histogram(block.fill, nothing, _told(block.ends, "again", "nothing"))
+    before = [not halo for halo in block.halo]
+    return _continued(block.fill, list(zip(before, block.ends, strict=True)))
+
+
+def _continued(fill: Bytes, ends: list[tuple[bool, bool]]) -> Ints:
+    """Count windows of layers, twice along each axis; once more beyond those of its ends that are.
+
+    ``ends`` tells for each axis whether the first layer is the frame's, and whether the last is.
+    """
+    total: Ints = np.zeros(256, np.int64)
+    within: list[tuple[slice, int]] = [(slice(None), 2)]
+    for pieces in product(*(within + _beyond(*axis) for axis in ends)):
+        piece = fill[tuple(layers for layers, _ in pieces)]
+        for axis, (_, times) in enumerate(pieces):
+            if times == 1:
+                piece = np.concatenate([piece, piece], axis)
+        counts = _histogram(piece, _NOTHING, _NOTHING)
+        total += counts * math.prod(times for _, times in pieces)
+    return total
+
+
+_NOTHING = ("nothing", "nothing", "nothing")
+
+
+def _beyond(first: bool, last: bool) -> list[tuple[slice, int]]:  # noqa: FBT001
+    return [(slice(0, 1), 1)] * first + [(slice(-1, None), 1)] * last
 
 
 def count_coarse_windows(source: Tiled, start: Index, stop: Index) -> Ints:
     """Count the windows of every other voxel along each axis, in all eight ways to choose them."""
+    total: Ints = np.zeros(256, np.int64)
+    for chosen, ways in _coarse(source, start, stop):
+        below, above = (tuple(way.below for way in ways), tuple(way.above for way in ways))
+        total += _histogram(chosen, below, above)
+    return total
+
+
+def count_coarse_continued_windows(source: Tiled, start: Index, stop: Index) -> Ints:
+    """Count the windows of every other voxel in all eight ways, each as it goes on at the ends."""
+    total: Ints = np.zeros(256, np.int64)
+    for chosen, ways in _coarse(source, start, stop):
+        total += _continued(chosen, [(w.below == "void", w.above == "void") for w in ways])
+    return total
+
+
+def _coarse(
+    source: Tiled, start: Index, stop: Index
+) -> Iterator[tuple[Bytes, tuple[_Way, _Way, _Way]]]:
+    """Yield the voxels that each way has of a tile, and the ways of x, y and z."""
     axes = [
         _Coarse.of(a, b, n, wraps)
         for a, b, n, wraps in zip(start, stop, *_lattice(source.frame), strict=True)
     ]
     fill, _ = layers_of(source, [axis.layers for axis in axes])
-    total: Ints = np.zeros(256, np.int64)
-    for ways in product(*(axis.ways for axis in axes)):
-        chosen = fill[tuple(slice(way.first, None, 2) for way in ways)]
-        below, above = (tuple(way.below for way in ways), tuple(way.above for way in ways))
-        total += _histogram(chosen, below, above)
-    return total
+    for x, y, z in product(*(axis.ways for axis in axes)):
+        yield fill[x.first :: 2, y.first :: 2, z.first :: 2], (x, y, z)
 
 
 def count_caps(source: Tiled, start: Index, stop: Index) -> Ints:
@@ -294,10 +335,20 @@ class Census:
     def continued_windows(self) -> Ints:
         """Windows of the solid where the outermost voxels go on beyond the frame.
 
-        As many as there are voxels, so that each direction has as many pairs: faces that end at
-        the frame are seen as large as they are, and the frame's own sides not at all.
+        Eight times as many as there are voxels, so that each direction has as many pairs: faces
+        that end at the frame are seen as large as they are, and the frame's own sides not at all.
         """
+        if all(self.frame.periodic):
+            return 8 * self.windows
         result: Ints = self.counted(count_continued_windows)
+        return result
+
+    @property
+    def coarse_continued_windows(self) -> Ints:
+        """Those at twice the spacing, eight times as many in all eight ways together."""
+        if all(self.frame.periodic):
+            return 8 * self.coarse_windows
+        result: Ints = self.counted(count_coarse_continued_windows)
         return result
 
     @property
@@ -326,7 +377,9 @@ class Census:
 
         if self.has_bulk:
             self.take((find_bulk,), report(0))
-        of_sampled = (count_bulk_fills,) if self.sampled else (count_caps, count_continued_windows)
+        inside: tuple[Count, ...] = (count_continued_windows, count_coarse_continued_windows)
+        inside = (count_caps, *(() if all(self.frame.periodic) else inside))
+        of_sampled = (count_bulk_fills,) if self.sampled else inside
         phases = [
             self.phase(solid=solid, connectivity=connectivity, in_bulk=in_bulk)
             for solid, in_bulk in ((True, False), (False, True), (False, False))
