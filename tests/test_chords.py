@@ -117,6 +117,14 @@ def test_chords_of_balls_are_four_thirds_of_the_radius():
         assert (mean.method, mean.unit, mean.of) == ("crofton", "mm", "grid")
 
 
+def test_the_skin_of_a_block_makes_chords_of_its_pores_no_more_doubtful():
+    x = centres((48, 50, 52)) - 25.1
+    solid = (x**2).sum(axis=0) >= 10**2
+    for wraps in (True, False):
+        row = pore_chord_mean(grid_of(solid, periodic=(wraps,) * 3))
+        assert abs(row.value - 40 / 3) < row.uncertainty < 0.2 * row.value
+
+
 def overlapping(shape, radius, count, seed):
     """A Boolean model of balls in a periodic box, and its η and number of balls."""
     random, solid = np.random.default_rng(seed), np.zeros(shape, bool)

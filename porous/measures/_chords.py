@@ -253,7 +253,7 @@ def pore_chord_mean(grid: Tiled | Census) -> Measure:
     amounts = Amounts(census)
     voids = census.frame.size - amounts.everywhere
     area = AREAS["interface_area", "crofton"](census)
-    return _over(census, area, voids, amounts.everywhere_doubt, "pore")
+    return _over(census, area, voids, amounts.inside_doubt, "pore")
 
 
 def wall_chord_mean(grid: Tiled | Census, *, beyond: str = "void") -> Measure:
@@ -270,9 +270,10 @@ def wall_chord_mean(grid: Tiled | Census, *, beyond: str = "void") -> Measure:
     """
     census = Census.of(grid)
     amounts = Amounts(census)
-    name = "interface_area" if beyond == "unknown" else "surface_area"
-    area = AREAS[name, "crofton"](census)
-    return _over(census, area, amounts.everywhere, amounts.everywhere_doubt, "wall")
+    goes_on = beyond == "unknown"
+    area = AREAS["interface_area" if goes_on else "surface_area", "crofton"](census)
+    doubt = amounts.inside_doubt if goes_on else amounts.everywhere_doubt
+    return _over(census, area, amounts.everywhere, doubt, "wall")
 
 
 def _over(census: Census, area: Measure, voxels: float, doubt: float, prefix: str) -> Measure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,6 +78,7 @@ class Amounts:
         self.cuts = histogram[1:255].sum(axis=1)
         self.jumps = counts.jumps
         self.shift = _shifted(census)
+        self.lattice = census.frame.shape, census.frame.periodic
         if not self.bulk_count:
             raise GridError("porosity: the bulk has no voxel that is at least half in it")
 
@@ -94,6 +96,16 @@ class Amounts:
     def everywhere_doubt(self) -> float:
         """Uncertainty of ``everywhere``, in voxels, by how the grid was sampled."""
         return math.hypot(_DOUBTS[self.sampling](self), self.shift)
+
+    @property
+    def inside_doubt(self) -> float:
+        """Uncertainty of the void within the frame, on whose sides none of it ends."""
+        inside, jumps = copy(self), self.jumps.copy()
+        for axis, (n, wraps) in enumerate(zip(*self.lattice, strict=True)):
+            if not wraps:
+                jumps[axis, [0, n]] = 0
+        inside.jumps = jumps
+        return inside.everywhere_doubt
 
     @property
     def count_doubt(self) -> float:

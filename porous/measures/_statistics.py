@@ -161,7 +161,8 @@ def _means(sample: Sample, found: Intercepts) -> Measures:
         parts["solid"] = solid
     for phase, part in parts.items():
         value = 2 * part / crossings
-        spread = math.hypot(value * doubt / crossings, 2 * amounts.share_doubt / crossings)
+        unsure = amounts.inside_doubt / amounts.bulk
+        spread = math.hypot(value * doubt / crossings, 2 * unsure / crossings)
         name = f"{PREFIX[phase]}_chord_mean"
         rows.append(Measure(name, value, found.unit, LINES, spread, "standard", "grid"))
     return Measures(tuple(rows))
