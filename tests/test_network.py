@@ -82,6 +82,53 @@ def test_packings_of_balls_have_the_pores_and_throats_of_their_lattice(
     assert not found.cut.any()
 
 
+@pytest.mark.parametrize(
+    ("name", "n", "throats"),
+    [
+        ("simple cubic", 40, {6: 1}),
+        ("body-centred", 32, {4: 12}),
+        ("face-centred", 48, {4: 8, 8: 4}),
+    ],
+)
+def test_unit_cells_have_the_throats_of_their_lattice(name, n, throats):
+    """One cell, whose pores touch their own images, and others in several periods, has all."""
+    found = pore_network(packing(name, n, 1))
+    numbers, counts = np.unique(found.coordination_numbers, return_counts=True)
+    assert dict(zip(numbers, counts, strict=True)) == throats
+    # Where the throat leads is as far as pores of the lattice are apart, whatever period it is in.
+    ways = found.centres[found.throats[:, 1]] + found.periods - found.centres[found.throats[:, 0]]
+    apart = np.linalg.norm(ways, axis=1)
+    steps = {"simple cubic": 1.0, "body-centred": 8**-0.5, "face-centred": 3**0.5 / 4}
+    assert apart == pytest.approx(steps[name], abs=3 / n)
+    if name == "simple cubic":
+        assert np.sort(found.periods, axis=0).tolist() == [[0, 0, 0], [0, 0, 0], [1, 1, 1]]
+
+
+@pytest.mark.parametrize("counts", [(1, 1, 1), (2, 1, 3), (2, 2, 2)])
+def test_cells_of_a_lattice_have_as_many_throats_as_more_of_them(counts):
+    """Cubes joined by channels along all axes: six throats each, however few are in the grid."""
+    solid = cavities((3, 3, 3), channel=3)[12:24, 12:24, 12:24]
+    found = pore_network(grid_of(np.tile(solid, counts), (1.0, 0.8, 1.1), PERIODIC))
+    assert found.coordination_numbers.tolist() == [6] * np.prod(counts)
+    assert len(found.throats) == 3 * np.prod(counts)
+    assert abs(found.periods).max() == 1
+    open_ = pore_network(grid_of(np.tile(solid, (1, 1, 2)), periodic=(False, False, True)))
+    assert (len(open_), open_.coordination_numbers.tolist()) == (2, [2, 2])
+
+
+def test_pores_without_end_have_no_throats_to_themselves_but_to_each_other():
+    """Two channels along z, of a constant width, with one opening between them in each period."""
+    solid = np.ones((12, 22, 8), bool)
+    solid[2:9, 2:9] = solid[2:9, 12:19] = False
+    found = pore_network(grid_of(solid, periodic=PERIODIC))
+    assert (len(found), len(found.throats)) == (2, 0)
+    solid[4:7, 9:12, 2:5] = False
+    found = pore_network(grid_of(solid, periodic=PERIODIC))
+    assert (len(found), found.throats.tolist()) == (2, [[0, 1]])
+    moved = pore_network(grid_of(np.roll(solid, (3, 9, 4), (0, 1, 2)), periodic=PERIODIC))
+    assert moved.coordination_numbers.tolist() == [1, 1]
+
+
 def test_a_lattice_of_cavities_has_a_throat_for_every_channel():
     counts, spacing = np.array((3, 4, 5)), np.array((1.0, 0.8, 1.1))
     solid = cavities(counts)
@@ -161,7 +208,12 @@ def test_pores_are_connected_and_fill_the_pores(noise):
     ends = found.inscribed_diameters[found.throats]
     assert (found.throat_diameters <= ends.min(axis=1)).all()
     assert (np.diff(found.inscribed_diameters) <= 0).all()
-    assert (found.throats[:, 0] < found.throats[:, 1]).all()
+    itself = found.throats[:, 0] == found.throats[:, 1]
+    assert (found.throats[:, 0] <= found.throats[:, 1]).all()
+    assert found.periods[itself].any(axis=1).all()
+    assert len(np.unique(np.hstack([found.throats, found.periods]), axis=0)) == len(found.throats)
+    if not any(noise.frame.periodic):
+        assert not found.periods.any()
 
 
 def test_throats_join_what_the_pores_join(noise):
@@ -208,6 +260,8 @@ def test_periodic_bodies_may_be_moved():
     moved = pore_network(grid_of(np.roll(solid, (7, -11, 20), (0, 1, 2)), periodic=PERIODIC))
     assert len(moved) == len(found)
     assert moved.inscribed_diameters == pytest.approx(found.inscribed_diameters)
+    assert len(moved.throats) == len(found.throats)
+    assert np.sort(moved.throat_diameters) == pytest.approx(np.sort(found.throat_diameters))
 
 
 def test_one_grid_gives_one_network_on_any_number_of_threads(monkeypatch, noise):
@@ -280,4 +334,5 @@ def test_a_network_is_checked():
             found.cut,
             found.throats,
             found.throat_diameters,
+            found.periods,
         )

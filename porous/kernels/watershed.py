@@ -5,6 +5,10 @@ to where the plateau leads, by the shortest way within it; what leads nowhere is
 the partition that flooding level by level gives (L. Vincent, P. Soille, IEEE Trans. Pattern Anal.
 13, 1991), without a queue for all of it. The highest places where basins touch are saddles, and
 basins that no narrow saddle parts are one.
+
+Where the grid closes on itself, every basin has an image in every period, and a basin may touch
+itself or another in several of them. Each voxel knows in which period it lies of the image whose
+maximum is in the grid itself, so that touching voxels tell how many periods apart the images are.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from porous.kernels._shared import kernel, slabs
+from porous.kernels._touches import WIDE, ZERO, Touches
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,6 +72,8 @@ class Basins(NamedTuple):
     float32, shape (n,), the squared distance there, in units of the squares' step. ``pairs``,
     int32, shape (m, 2), are labels of basins with a throat between them, the lesser first, in
     order, and ``saddles``, float32, shape (m,), the largest squared distance at which they touch.
+    ``periods``, int32, shape (m, 3), tell how many periods along each axis the image of the second
+    basin is away that the first one touches; a throat of a basin with itself is there once.
     """
 
     labels: NDArray[np.int32]
@@ -74,6 +81,18 @@ class Basins(NamedTuple):
     depths: NDArray[np.float32]
     pairs: NDArray[np.int32]
     saddles: NDArray[np.float32]
+    periods: NDArray[np.int32]
+
+
+class _Lattice(NamedTuple):
+    """A grid, the axes along which it closes, and the period that a voxel lies in of its basin.
+
+    Where no axis is periodic, there is one number for all voxels.
+    """
+
+    shape: NDArray[np.int64]
+    wraps: NDArray[np.int64]
+    periods: NDArray[np.int16]
 
 
 def basins(
@@ -118,21 +137,15 @@ def basins(
     roots = _plateaus(heights, shape, wraps, uphill)
     labels = np.zeros(mask.size, np.int32)
     labels[roots] = np.arange(1, len(roots) + 1)
+    lattice = _Lattice(shape, wraps, np.zeros(mask.size if any(periodic) else 1, np.int16))
     for a in range(0, mask.size, SLAB):
-        _follow(uphill, labels, a, min(a + SLAB, mask.size))
+        _follow(uphill, labels, *lattice, a, min(a + SLAB, mask.size))
         if progress is not None:
             progress(rows + rows * a // mask.size, 4 * rows)
-    lattice, count = (shape, wraps), len(roots)
-    touches = _touching(labels, heights, lattice, count, told=False, progress=told(2 * rows))
     numbers = np.array([*rule, *squares.weights], np.float64)
-    parent = _joined(touches, roots, heights[roots], numbers, lattice)
-    left = np.flatnonzero(parent == np.arange(count))
-    names = np.zeros(count + 1, np.int32)
-    names[left + 1] = np.arange(1, len(left) + 1)
-    names[1:] = names[parent + 1]
-    slabs(mask.size, SLAB, lambda a, b: _rename(labels, names, a, b))
+    left, endless = _joined(labels, heights, roots, lattice, numbers, told(2 * rows))
     roots = roots[left]
-    throats = _throats(labels, heights, lattice, len(roots), told(3 * rows))
+    throats = _throats(labels, heights, lattice, endless, told(3 * rows))
     return Basins(labels.reshape(mask.shape), roots, heights[roots], *throats)
 
 
@@ -155,85 +168,102 @@ def _plateaus(heights, shape, wraps, uphill):
     return roots[np.lexsort((roots, -heights[roots]))]
 
 
-def _touching(labels, heights, lattice, count, *, told, progress):
-    """Return pairs of basins that touch, and the largest height at which they do; see ``_Touches``.
+def _touching(labels, heights, lattice, endless, *, told, progress):
+    """Return pairs of basins that touch, and the largest height at which they do; see ``_touches``.
 
     Where ``told``, keys are twice as large, and one more where a third basin is next to either.
     """
-    shape, wraps = lattice
-    rows, step = int(shape[0] * shape[1]), max(1, SLAB // int(shape[2]))
-    size, asked = np.int64(count + 1), int(told)
-    parts = [_Touches.room(0) for _ in range(0, rows, step)]
+    rows, step = int(np.prod(lattice.shape[:2])), max(1, SLAB // int(lattice.shape[2]))
+    asked = int(told)
+    parts = [Touches.room(0) for _ in range(0, rows, step)]
 
     def work(a, b):
-        found = _touch(labels, heights, shape, wraps, size, asked, a, b, *_Touches.room(0)[:2])
+        found = _touch(labels, heights, *lattice, endless, asked, a, b, *Touches.room(0)[:2])
         if found:
-            part = _Touches.room(found)
-            _touch(labels, heights, shape, wraps, size, asked, a, b, *part[:2])
+            part = Touches.room(found)
+            _touch(labels, heights, *lattice, endless, asked, a, b, *part[:2])
             parts[a // step] = part.reduced()
 
     slabs(rows, step, work, progress)
-    return _Touches(*(np.concatenate(all_) for all_ in zip(*parts, strict=True))).reduced()
+    return Touches(*(np.concatenate(all_) for all_ in zip(*parts, strict=True))).reduced()
 
 
-class _Touches(NamedTuple):
-    """Places where two basins touch: a key of the pair, the height there, and how many they are."""
-
-    keys: NDArray[np.int64]
-    saddles: NDArray[np.float32]
-    counts: NDArray[np.int64]
-
-    @classmethod
-    def room(cls, n):
-        return cls(np.empty(n, np.int64), np.empty(n, np.float32), np.ones(n, np.int64))
-
-    def reduced(self):
-        """Return each key once, ascending, with the highest of its places."""
-        order = np.lexsort((self.saddles, self.keys))
-        keys, saddles, counts = (part[order] for part in self)
-        first = np.flatnonzero(np.diff(keys, prepend=-1) != 0)
-        if not len(first):
-            return self
-        last = np.append(first[1:], len(keys)) - 1
-        return _Touches(keys[first], saddles[last], np.add.reduceat(counts, first))
-
-
-def _throats(labels, heights, lattice, count, progress):
-    """Return pairs of basins with a throat of their own, and the height of it.
+def _throats(labels, heights, lattice, endless, progress):
+    """Return pairs of basins with a throat of their own, the height of it, and the periods.
 
     Basins that touch next to third ones for the most part meet in a line or a point. They have no
     throat, unless nothing else joined them: the widest such places first.
     """
-    found = _touching(labels, heights, lattice, count, told=True, progress=progress)
+    found = _touching(labels, heights, lattice, endless, told=True, progress=progress)
     third = found.keys % 2
     signed = found.counts * np.where(third, -CROWDED, 1)
-    pairs = _Touches(found.keys // 2, found.saddles, signed).reduced()
+    pairs = Touches(found.keys // 2, found.saddles, signed).reduced()
     own = pairs.counts > 0
     order = np.lexsort((pairs.keys, -pairs.saddles, ~own))
-    ends = _ends(pairs.keys, count)
-    kept = np.zeros(len(own), np.bool_)
-    _bridge(ends[order], own[order], np.arange(count + 1, dtype=np.int32), kept)
+    ends, periods = pairs.ends(len(endless))
+    kept, parent = np.zeros(len(own), np.bool_), np.arange(len(endless), dtype=np.int32)
+    _bridge(ends[order], own[order], parent, np.zeros(len(parent), np.int64), kept)
     left = np.zeros(len(own), np.bool_)
     left[order] = kept
-    return ends[left], pairs.saddles[left]
+    apart = [[_part(number, axis) for axis in range(3)] for number in periods[left]]
+    return ends[left], pairs.saddles[left], np.array(apart, np.int32).reshape(-1, 3)
 
 
-def _ends(keys, count):
-    return np.stack([keys // (count + 1), keys % (count + 1)], axis=1).astype(np.int32)
+def _joined(labels, heights, roots, lattice, numbers, progress):
+    """Join the basins that a rule takes for one; return which are left, and which have no end.
 
-
-def _joined(touches, roots, depths, numbers, lattice):
-    """Return which basin each belongs to, once those are joined that a rule takes for one."""
-    count = len(roots)
-    parent = np.arange(count, dtype=np.int32)
+    ``endless``, int64, has a bit for every axis along which a basin, by its new label, goes on into
+    its own image without a throat.
+    """
+    endless = np.zeros(len(roots) + 1, np.int64)
+    touches = _touching(labels, heights, lattice, endless, told=False, progress=progress)
+    parent, shifts = np.arange(len(roots) + 1, dtype=np.int32), np.zeros_like(endless)
+    peaks = np.concatenate([[0], roots])
+    depths = heights[peaks]
     order = np.lexsort((touches.keys, -touches.saddles))
-    pairs, saddles = _ends(touches.keys[order], count) - 1, touches.saddles[order]
+    pairs, periods = touches.ends(len(endless))
     step = SLAB // 8
-    for a in range(0, len(pairs), step):
-        some = pairs[a : a + step], saddles[a : a + step]
-        _join(*some, roots, depths, parent, numbers, *lattice)
-    _settle(parent)
-    return parent
+    for a in range(0, len(order), step):
+        some = order[a : a + step]
+        found = pairs[some], periods[some], touches.saddles[some]
+        _join(*found, peaks, depths, parent, shifts, endless, numbers, lattice.shape)
+    _settle(parent, shifts)
+    left = np.flatnonzero(parent[1:] == np.arange(1, len(parent)))
+    names = np.zeros(len(parent), np.int32)
+    names[left + 1] = np.arange(1, len(left) + 1)
+    names = names[parent]
+    slabs(len(labels), SLAB, lambda a, b: _rename(labels, names, lattice.periods, shifts, a, b))
+    return left, np.concatenate([[0], endless[left + 1]])
+
+
+@kernel
+def _part(periods, axis):
+    # Periods along one axis.
+    for _ in range(2 - axis):
+        periods = (periods - (((periods + 16) & 31) - 16)) >> WIDE
+    return ((periods + 16) & 31) - 16
+
+
+@kernel
+def _without(periods, axes):
+    # Periods but for those along some axes.
+    for axis in range(3):
+        if axes >> axis & 1:
+            periods -= _part(periods, axis) << WIDE * (2 - axis)
+    return periods
+
+
+@kernel
+def _crossed(v, u, shape, wraps):
+    # Into which period one gets that steps from a voxel to a neighbour.
+    periods = 0
+    for a in range(3):
+        axis = 2 - a
+        step = u % shape[axis] - v % shape[axis]
+        if wraps[axis] and abs(step) > 1:
+            periods += (-1 if step > 0 else 1) << WIDE * a
+        u, v = u // shape[axis], v // shape[axis]
+    return periods
 
 
 @kernel
@@ -355,34 +385,68 @@ def _tops(flat, heights, shape, wraps, uphill, queue, state, roots, count):
 
 
 @kernel
-def _follow(uphill, labels, first, last):
+def _follow(uphill, labels, shape, wraps, periods, first, last):
+    wound = len(periods) > 1
     for start in range(first, last):
-        if uphill[start] == OUT:
+        if uphill[start] == OUT or labels[start] != 0:
             continue
+        v, period = np.int64(start), 0
+        while labels[v] == 0:
+            u = np.int64(uphill[v])
+            if wound:
+                period -= _crossed(v, u, shape, wraps)
+            v = u
+        label = labels[v]
+        if wound:
+            period += periods[v]
         v = np.int64(start)
         while labels[v] == 0:
-            v = np.int64(uphill[v])
-        label, v = labels[v], np.int64(start)
-        while labels[v] == 0:
             labels[v] = label
-            v = np.int64(uphill[v])
+            u = np.int64(uphill[v])
+            if wound:
+                periods[v] = period
+                period += _crossed(v, u, shape, wraps)
+            v = u
 
 
 @kernel
-def _third(labels, u, v, shape, wraps, near):
-    # Whether a basin that is none of two voxels' lies next to one of them.
-    for place in (u, v):
+def _on_a_side(v, shape):
+    ny, nz = shape[1], shape[2]
+    i, j, k = v // (ny * nz), v // nz % ny, v % nz
+    return not (0 < i < shape[0] - 1 and 0 < j < ny - 1 and 0 < k < nz - 1)
+
+
+@kernel
+def _third(labels, both, told, shape, wraps, periods, near):
+    # Whether a basin that is none of two voxels' lies next to one of them; u lies ``across`` so
+    # many periods from v, and its basin's image is ``apart`` so many from that of v's.
+    (u, v), (across, apart, axes) = both, told
+    a, b, wound = labels[v], labels[u], len(periods) > 1
+    for place in (v, u):
+        here = 0
+        if wound:
+            here = periods[v] + (across if place == u else 0)
+        crossing = wound and _on_a_side(place, shape)
         for s in range(_around(place, shape, wraps, near)):
-            label = labels[near[s]]
-            if label > 0 and label != labels[u] and label != labels[v]:
+            w = near[s]
+            label, other = labels[w], 0
+            if label == 0:
+                continue
+            if wound:
+                other = here - periods[w]
+                if crossing:
+                    other += _crossed(place, w, shape, wraps)
+                other = _without(other, axes)
+            if not ((label == a and other == 0) or (label == b and other == apart)):
                 return 1
     return 0
 
 
 @kernel
-def _touch(labels, heights, shape, wraps, size, asked, first, last, keys, saddles):
-    # Pairs of voxels of two basins, told once, or only counted where there is no room to tell.
-    n = shape[2]
+def _touch(labels, heights, shape, wraps, periods, endless, asked, first, last, keys, saddles):
+    # Pairs of voxels of two basins, or of one and its image, told once, or only counted where there
+    # is no room to tell.
+    n, wound, size = shape[2], len(periods) > 1, np.int64(len(endless))
     count, near = 0, np.empty(26, np.int64)
     for row in range(first, last):
         i, j, here = row // shape[1], row % shape[1], row * n
@@ -393,23 +457,37 @@ def _touch(labels, heights, shape, wraps, size, asked, first, last, keys, saddle
             base = _row(i, j, step, shape, wraps)
             if base < 0:
                 continue
+            over = (i + step[0]) // shape[0] << 2 * WIDE
+            over += (j + step[1]) // shape[1] << WIDE
             low, high = max(0, -d), n - max(0, d)
             for part in range(2):
-                u, v, many = base + low + d, here + low, high - low
+                u, v, many, across = base + low + d, here + low, high - low, over
                 if part == 1:
                     if d == 0 or not wraps[2]:
                         continue
-                    u, v, many = base, here + n - 1, 1
+                    u, v, many, across = base, here + n - 1, 1, over + d
                     if d < 0:
                         u, v = base + n - 1, here
                 for k in range(many):
-                    a, b = labels[u + k], labels[v + k]
-                    if a == b or a == 0 or b == 0:
+                    a, b, apart = labels[v + k], labels[u + k], 0
+                    if a == 0 or b == 0 or (a == b and not wound):
+                        continue
+                    axes = 0
+                    if wound:
+                        apart = across + periods[v + k] - periods[u + k]
+                        if apart != 0:
+                            axes = endless[a] | endless[b]
+                            apart = _without(apart, axes)
+                    if a == b and apart == 0:
                         continue
                     if len(keys):
+                        turned = a > b or (a == b and apart < 0)
                         key = np.int64(min(a, b)) * size + max(a, b)
+                        key = (key << 3 * WIDE) + (-apart if turned else apart) + ZERO
                         if asked:
-                            key = 2 * key + _third(labels, u + k, v + k, shape, wraps, near)
+                            both, axes = (u + k, v + k), endless[a] | endless[b]
+                            told = across, apart, axes
+                            key = 2 * key + _third(labels, both, told, shape, wraps, periods, near)
                         keys[count] = key
                         saddles[count] = min(heights[u + k], heights[v + k])
                     count += 1
@@ -417,58 +495,71 @@ def _touch(labels, heights, shape, wraps, size, asked, first, last, keys, saddle
 
 
 @kernel
-def _root(parent, a):
+def _root(parent, shifts, a):
+    # What a basin has been joined to, and how many periods on that image is that it is part of.
+    shift = np.int64(0)
     while parent[a] != a:
+        shifts[a] += shifts[parent[a]]
         parent[a] = parent[parent[a]]
+        shift += shifts[a]
         a = parent[a]
-    return a
+    return a, shift
 
 
 @kernel
-def _apart(p, q, numbers, shape, wraps):
-    # Square of the distance of two voxels.
+def _apart(p, q, periods, numbers, shape):
+    # Square of the distance of a voxel to the image of another.
     total = 0.0
     for a in range(3):
-        step = abs(p % shape[2 - a] - q % shape[2 - a])
-        if wraps[2 - a]:
-            step = min(step, shape[2 - a] - step)
-        total += numbers[4 - a] * step * step
-        p, q = p // shape[2 - a], q // shape[2 - a]
+        axis = 2 - a
+        step = q % shape[axis] - p % shape[axis] + _part(periods, axis) * shape[axis]
+        total += numbers[2 + axis] * step * step
+        p, q = p // shape[axis], q // shape[axis]
     return total
 
 
 @kernel
-def _join(pairs, saddles, peaks, depths, parent, numbers, shape, wraps):
+def _join(pairs, periods, saddles, peaks, depths, parent, shifts, endless, numbers, shape):
     # From the highest saddle downwards; the lesser of two basins is the one with the larger number.
     for at in range(len(pairs)):
-        a, b = _root(parent, pairs[at, 0]), _root(parent, pairs[at, 1])
-        if a == b:
+        a, before = _root(parent, shifts, pairs[at, 0])
+        b, after = _root(parent, shifts, pairs[at, 1])
+        apart = periods[at] + after - before
+        if a == b and apart == 0:
             continue
         greater, lesser = min(a, b), max(a, b)
         radius = np.sqrt(depths[lesser])
         wide = radius - np.sqrt(saddles[at]) <= max(numbers[0] * radius, numbers[1])
         if not wide:
-            apart = _apart(peaks[lesser], peaks[greater], numbers, shape, wraps)
-            wide = apart < depths[greater]
-        if wide:
+            wide = _apart(peaks[a], peaks[b], apart, numbers, shape) < depths[greater]
+        if wide and a == b:
+            for axis in range(3):
+                if _part(apart, axis) != 0:
+                    endless[a] |= 1 << axis
+        elif wide:
             parent[lesser] = greater
+            shifts[lesser] = apart if lesser == a else -apart
+            endless[greater] |= endless[lesser]
 
 
 @kernel
-def _bridge(pairs, alone, parent, kept):
+def _bridge(pairs, alone, parent, shifts, kept):
     for at in range(len(pairs)):
-        a, b = _root(parent, pairs[at, 0]), _root(parent, pairs[at, 1])
+        a, b = _root(parent, shifts, pairs[at, 0])[0], _root(parent, shifts, pairs[at, 1])[0]
         kept[at] = alone[at] or a != b
         parent[max(a, b)] = min(a, b)
 
 
 @kernel
-def _settle(parent):
+def _settle(parent, shifts):
     for a in range(len(parent)):
-        parent[a] = parent[parent[a]]  # a parent comes before and is settled
+        shifts[a] += shifts[parent[a]]  # a parent comes before and is settled
+        parent[a] = parent[parent[a]]
 
 
 @kernel
-def _rename(labels, names, first, last):
+def _rename(labels, names, periods, shifts, first, last):
     for v in range(first, last):
+        if len(periods) > 1:
+            periods[v] -= shifts[labels[v]]
         labels[v] = names[labels[v]]

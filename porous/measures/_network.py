@@ -63,10 +63,16 @@ class PoreNetwork(Value):
         bool, shape (n,): whether a side of the grid or of the bulk cuts it.
     throats
         int32, shape (m, 2): rows of the two pores that a throat joins, the lesser first. Pores that
-        touch in several places have one throat, and one that touches itself around a period none;
-        nor have pores that touch only in lines and points, where others lie between them.
+        touch in several places have one throat, but one for each image of the other that they
+        touch along periodic axes; a throat to a pore's own image, both rows the same, stands once
+        and leads out at either end. None have pores that touch only in lines and points, where
+        others lie between them, nor one that goes on into its own image where nothing narrows.
     throat_diameters
         float64, shape (m,): of the largest ball that passes from the one to the other.
+    periods
+        int32, shape (m, 3): how many periods along each axis the second pore's image is away, zero
+        where the throat stays within the grid. Where a pore ends in the grid and where in the next
+        period is told by the image whose centre lies in the grid.
 
     Raises
     ------
@@ -82,11 +88,12 @@ class PoreNetwork(Value):
     cut: Bools = field(repr=False)
     throats: NDArray[np.int32] = field(repr=False)
     throat_diameters: Floats = field(repr=False)
+    periods: NDArray[np.int32] = field(repr=False)
 
     def __post_init__(self) -> None:
         for name in ("centres", "volumes", "inscribed_diameters", "throat_diameters"):
             self._set(name, frozen(getattr(self, name), np.float64))
-        for name in ("labels", "throats"):
+        for name in ("labels", "throats", "periods"):
             self._set(name, frozen(getattr(self, name), np.int32))
         self._set("cut", frozen(self.cut, np.bool_))
         n, m = len(self.volumes), len(self.throat_diameters)
@@ -98,6 +105,7 @@ class PoreNetwork(Value):
             "cut": (n,),
             "throats": (m, 2),
             "throat_diameters": (m,),
+            "periods": (m, 3),
         }
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
@@ -113,7 +121,7 @@ class PoreNetwork(Value):
 
     @property
     def coordination_numbers(self) -> NDArray[np.int64]:
-        """How many throats each pore has, int64, shape (n,)."""
+        """How many throats lead out of each pore, int64, shape (n,); of one to its image both."""
         return np.bincount(self.throats.ravel(), minlength=len(self))
 
 
@@ -177,6 +185,7 @@ def _network(sample: Sample) -> PoreNetwork:
         _cut(found, frame, None if voxels.bulk is None else voxels.mask & ~voxels.bulk),
         found.pairs - 1,
         2 * squares.step * np.sqrt(found.saddles, dtype=np.float64),
+        found.periods,
     )
 
 
