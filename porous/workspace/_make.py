@@ -387,7 +387,7 @@ def record(result: Result) -> dict[str, Any]:
         "version": version("porous"),
         "measures": [row_of(measure) for measure in result.measures],
         "certificate": [row_of(row) for row in certificate.rows] if certificate else [],
-        "notes": list(result.notes),
+        "notes": [*result.notes, *result.findings.notes],
     }
 
 

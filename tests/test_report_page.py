@@ -1,0 +1,27 @@
+"""The page on the report says what a recipe may ask for, and what was noted is kept."""
+
+import re
+from pathlib import Path
+
+from porous import workspace
+from porous.measures import Findings
+from porous.models.stage_sections import ReportSection
+from porous.pipeline import Result
+from porous.toml import parse_value
+
+PAGE = (Path(__file__).parent.parent / "docs" / "report.md").read_text(encoding="utf-8")
+
+
+def test_every_key_of_the_report_is_on_the_page_with_its_default_and_no_other():
+    table = dict(re.findall(r"^\| `(\w+)` \| (.+?) \| .+ \|$", PAGE, re.M))
+    assert set(table) == set(ReportSection.model_fields)
+    settled = ReportSection()
+    for key in set(table) - {"detail"}:
+        default = table[key].strip("`")
+        wanted = None if default == "none" else parse_value(default, key)
+        assert getattr(settled, key) == wanted, key
+
+
+def test_what_a_survey_notes_is_in_the_record():
+    result = Result(None, notes=("made so",), findings=Findings(notes=("best built along +z",)))
+    assert workspace.record(result)["notes"] == ["made so", "best built along +z"]
