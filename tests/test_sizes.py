@@ -138,3 +138,22 @@ def test_bodies_of_one_phase_have_the_sizes_that_there_are():
     assert set(curves) == {"wall_thickness_distribution", "wall_thickness_cumulative"}
     for grid, beyond in ((full, "unknown"), (grid_of(np.zeros((8, 9, 10), bool)), "void")):
         assert taken(grid, beyond=beyond) == ({}, {})
+
+
+def test_thickness_of_a_sample_tells_that_of_what_it_is_of():
+    solid, _ = overlapping((48, 49, 50), 3.0, 900, 3)
+    rows, _ = taken(grid_of(solid), beyond="unknown")
+    row, mean = rows["material_pore_thickness_mean"], rows["pore_thickness_mean"]
+    local = local_thickness(grid_of(solid), beyond="unknown").diameters
+    parts = [
+        local[x, y, z]
+        for x in (slice(24), slice(24, None))
+        for y in (slice(24), slice(24, None))
+        for z in (slice(25), slice(25, None))
+    ]
+    error = np.std([part[part > 0].mean() for part in parts], ddof=1) / math.sqrt(8)
+    assert row.value == mean.value
+    assert row.uncertainty**2 - mean.uncertainty**2 == pytest.approx(error**2, rel=0.1)
+    assert "material_pore_thickness_mean" not in taken(grid_of(solid))[0]
+    few, _ = taken(grid_of(solid[:20]), beyond="unknown")
+    assert math.isinf(few["material_pore_thickness_mean"].uncertainty)

@@ -329,13 +329,51 @@ def test_boxes_that_are_not_all_bulk_are_left_out():
 def test_samples_of_something_larger_say_so(body):
     cut = replace(body, frame=replace(body.frame, periodic=NONE))
     rows = survey(cut, how=Survey(beyond="unknown"), only=["statistics"]).measures
-    for name in ("material_porosity", "material_specific_surface"):
-        assert 0 < rows[name].uncertainty < 0.1 * rows[name].value
-        assert rows[name].method == "blocks"
+    names = ("porosity", "specific_surface", "pore_chord_mean", "wall_chord_mean")
+    for name in (*names, *(f"mean_intercept_length_{place}" for place in (1, 2, 3))):
+        row = rows[f"material_{name}"]
+        assert 0 < row.uncertainty < 0.2 * row.value
+        assert row.method == "blocks"
     assert "material_porosity" not in survey(cut, only=["statistics"]).measures
     # Solid that does not end at the sides has chords by lines as well.
     lines = rows["wall_chord_mean", "lattice lines"]
     assert abs(lines.value - rows["wall_chord_mean", "crofton"].value) < lines.uncertainty * 3
+
+
+def test_samples_of_balls_at_random_tell_what_all_of_them_are():
+    """Six samples that know nothing of each other: one of them may be off by 2σ."""
+    radius, eta = 4.0, math.log(2)
+    solid, _ = overlapping((96, 96, 144), radius, eta * 96 * 96 * 144 / (4 / 3 * math.pi * 64), 7)
+    surface = 3 * eta / radius / 2
+    known = {
+        "porosity": 0.5,
+        "specific_surface": surface,
+        "pore_chord_mean": 2 / surface,
+        "wall_chord_mean": 2 / surface,
+        "mean_intercept_length_1": 2 / surface,
+        "mean_intercept_length_3": 2 / surface,
+        "degree_of_anisotropy": 0.0,
+    }
+    rows = []
+    for x, y, z in ((0, 0, 0), (48, 0, 48), (0, 48, 96), (48, 48, 0), (0, 0, 96), (48, 0, 0)):
+        part = grid_of(solid[x : x + 48, y : y + 48, z : z + 48])
+        rows.append(survey(part, how=Survey(beyond="unknown"), only=["statistics"]).measures)
+    for name, value in known.items():
+        off = [
+            (told[f"material_{name}"].value - value) / told[f"material_{name}"].uncertainty
+            for told in rows
+        ]
+        assert sum(abs(z) > 2 for z in off) <= 1, name
+    surfaces = [told["material_specific_surface"] for told in rows]
+    assert max(row.uncertainty / row.value for row in surfaces) < 0.06
+    assert np.std([row.value for row in surfaces]) < 2 * min(row.uncertainty for row in surfaces)
+
+
+def test_blocks_too_short_for_their_correlation_tell_no_error():
+    solid, _ = overlapping((24, 25, 26), 5.0, 24, 2)
+    rows = survey(grid_of(solid), how=Survey(beyond="unknown"), only=["statistics"]).measures
+    assert math.isinf(rows["material_specific_surface"].uncertainty)
+    assert math.isinf(rows["material_degree_of_anisotropy"].uncertainty)
 
 
 def test_larger_grids_are_looked_at_with_fewer_voxels(body, monkeypatch):

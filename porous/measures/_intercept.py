@@ -42,6 +42,9 @@ TIMES = (1, 2, 3)
 CLEAR = 0.5
 """Main directions are told where they are clear to so many radians."""
 
+ROUNDING = 1e-12
+"""Eigenvalues of a fabric below this part of the largest are none."""
+
 LEAST = 8
 """Voxels that the shortest edge of a grid has at least."""
 
@@ -166,10 +169,21 @@ def intercepts(grid: Tiled, *, progress: Callable[[int, int], None] | None = Non
     if not one.any():
         raise GridError("intercepts: the grid has one phase only; wanted both")
     fan = rays(frame.spacing)
-    found, doubts = np.maximum(2 * one - two, 0.0), np.abs(one - 2 * two + three)
+    found, doubts = _without_gaps(one, two), np.abs(one - 2 * two + three)
     flat = min(1.0, float(found.std() / found.mean()) / FLAT)
     bias = fan.spread + flat * fan.worst
     return Intercepts(frame.unit, fan.directions, fan.weights, found, doubts, bias)
+
+
+def crossings(grid: Tiled) -> Floats:
+    """Return the phase changes per length of line in the directions of ``intercepts``, (m,)."""
+    one, two, _ = _rates(grid, grid.frame, None)
+    return _without_gaps(one, two)
+
+
+def _without_gaps(one: Floats, two: Floats) -> Floats:
+    """Return what lines would see that miss nothing between voxels: those of two miss as twice."""
+    return np.maximum(2 * one - two, 0.0)
 
 
 def _rates(
@@ -194,12 +208,14 @@ def _rates(
 class Fabric(NamedTuple):
     """M of 1/MIL(u)² = u·M·u: its eigenvalues (ascending) and eigenvectors (rows).
 
-    ``error`` gives the standard error of Σ aᵢⱼ vᵢ·M·vⱼ from the matrix a.
+    ``error`` gives the standard error of Σ aᵢⱼ vᵢ·M·vⱼ from the matrix a, ``matrix`` the M of other
+    squares of crossings.
     """
 
     values: Floats
     axes: Floats
     error: Callable[[Floats], float]
+    matrix: Callable[[Floats], Floats]
 
     @property
     def anisotropy(self) -> float:
@@ -277,7 +293,7 @@ def _row(name: str, value: float, unit: str, doubt: float) -> Measure:
 def fitted(found: Intercepts, *, less: float = 0.0) -> Fabric:
     """Return the ellipsoid through the crossings, less so many times their doubts.
 
-    Eigenvalues below zero count as zero.
+    Eigenvalues below zero, or no larger than what rounding leaves, count as zero.
     """
     u, weights = found.directions, found.weights
     squares = np.maximum(found.crossings - less * found.doubts, 0.0) ** 2
@@ -298,7 +314,11 @@ def fitted(found: Intercepts, *, less: float = 0.0) -> Fabric:
         )
         return float(np.linalg.norm(given @ project)) * spread
 
-    return Fabric(np.maximum(values, 0.0), axes, error)
+    def matrix(squares: Floats) -> Floats:
+        return _matrix(project @ squares)
+
+    values = np.where(values > ROUNDING * values[2], values, 0.0)
+    return Fabric(values, axes, error, matrix)
 
 
 def _products(v: Floats, w: Floats) -> Floats:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from porous.kernels.windows import CROSSINGS
-from porous.measures._blocks import over_blocks
-from porous.measures._census import Census
-from porous.measures._porosity import GRID as POROSITIES
 from porous.measures._porosity import solid_fractions
-from porous.measures._surface_area import GRID as AREAS
 from porous.measures._surface_area import crofton
-from porous.values import Curve, Measure, Measures
+from porous.values import Curve
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
+    from porous.measures._census import Census
     from porous.measures._sample import Sample
     from porous.values import Frame, VoxelGrid
 
@@ -35,9 +31,6 @@ CELLS = (24, 12, 6)
 
 BOXES = 8
 """Boxes of a size, at least, whose spread is told."""
-
-APART = 5.0
-"""Correlation lengths that a block is long, at least, for blocks to count as independent."""
 
 
 class Sums(NamedTuple):
@@ -251,49 +244,3 @@ def _joined(cells: Floats, j: int) -> Floats:
         kept = np.moveaxis(cells, axis, 0)[: n * j]
         cells = np.moveaxis(kept.reshape(n, j, *kept.shape[1:]).sum(axis=1), 0, axis)
     return cells
-
-
-def material(sample: Sample, correlation: float, most: int) -> Measures:
-    """Return porosity and specific surface of what a grid is a sample of, block by block.
-
-    Parameters
-    ----------
-    sample
-        A grid that was cut out of something larger.
-    correlation
-        The correlation length.
-    most
-        Voxels at most that blocks are looked at on; coarser ones where the grid has more.
-
-    Returns
-    -------
-    Measures
-        material_porosity and material_specific_surface: those of the sample, and their standard
-        errors by ``over_blocks``. There are 8, 27 or 64 blocks, as many as are ``APART``
-        correlation lengths long; where 8 are not, nobody knows the error. None of a grid with a
-        bulk or of fewer than 4 voxels along an edge.
-    """
-    grid, frame, less = sample.grid, sample.frame, sample.within(most)
-    if grid.bulk is not None or min(less.frame.shape) < 4:
-        return Measures()
-    fits = (k for k in (4, 3, 2) if min(less.frame.shape) >= 2 * k)
-    long_enough = (k for k in fits if min(frame.box.lengths) / k >= APART * correlation)
-    blocks, errors = next(long_enough, 0), [math.inf, math.inf]
-    if blocks:
-        errors = over_blocks(_amounts, less.grid, blocks=blocks).error.tolist()
-    names = {"material_porosity": "1", "material_specific_surface": f"1/{frame.unit}"}
-    return Measures(
-        tuple(
-            Measure(name, value, unit, "blocks", error, "standard", "grid")
-            for (name, unit), value, error in zip(
-                names.items(), _amounts(sample.census), errors, strict=True
-            )
-        )
-    )
-
-
-def _amounts(grid: VoxelGrid | Census) -> list[float]:
-    """Return the porosity of a box, and its area between solid and void by volume."""
-    census = Census.of(grid)
-    area = AREAS["interface_area", "crofton"](census).value
-    return [POROSITIES["porosity", "voxel fill"](census).value, area / census.frame.box.volume]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from porous.errors import GridError
+from porous.measures._material import octants
 from porous.measures._phase import PREFIX
 from porous.measures._sample import Family, Findings
 from porous.measures._thickness import METHOD, thicknesses
@@ -148,6 +149,9 @@ def take(sample: Sample) -> Findings:
             rows = sizes(local, coarse)
             if sample.coarse is not None and coarse is None:
                 rows = Measures(tuple(_against(row, math.inf) for row in rows))
+            if sample.how.beyond == "unknown" and sample.grid.bulk is None:
+                mean = rows[f"{PREFIX[phase]}_thickness_mean"]
+                rows += Measures((octants(local, mean),))
             found += Findings(rows, size_curves(local))
     return found
 

@@ -12,9 +12,10 @@ from porous.measures._chords import chord_lengths, chords, pore_chord_mean, wall
 from porous.measures._correlation import correlation_length, two_point
 from porous.measures._intercept import LEAST, fabric, intercepts
 from porous.measures._intercept import METHOD as LINES
+from porous.measures._material import material
 from porous.measures._phase import PREFIX
 from porous.measures._porosity import Amounts
-from porous.measures._profiles import material, porosity_profiles, representative_volumes
+from porous.measures._profiles import porosity_profiles, representative_volumes
 from porous.measures._sample import Family, Findings
 from porous.values import Curve, Measure, Measures
 
@@ -98,11 +99,12 @@ def take(sample: Sample) -> Findings:
     """Return chords, correlation, fabric, profiles, and how boxes of all sizes differ."""
     found = _chords(sample)
     sample.tell(NAME, 0.25)
-    lines = _intercepts(sample)
+    lines, told = _intercepts(sample), Measures()
     if lines is not None:
-        found += Findings(fabric(lines) + _means(sample, lines), _roses(lines))
+        told = fabric(lines) + _means(sample, lines)
+        found += Findings(told, _roses(lines))
     sample.tell(NAME, 0.5)
-    found += _pairs(sample, lines)
+    found += _pairs(sample, lines, told)
     sample.tell(NAME, 0.75)
     curves = porosity_profiles(sample)
     if sample.has_both:
@@ -202,7 +204,7 @@ def _rose(found: Intercepts, plane: tuple[int, int]) -> Curve | None:
     )
 
 
-def _pairs(sample: Sample, lines: Intercepts | None) -> Findings:
+def _pairs(sample: Sample, lines: Intercepts | None, told: Measures) -> Findings:
     less = sample.within(MOST)
     found = _two_point(less)
     if found is None:
@@ -210,8 +212,8 @@ def _pairs(sample: Sample, lines: Intercepts | None) -> Findings:
     row = correlation_length(found, None if less.coarse is None else _two_point(less.coarse))
     notes = () if less is sample else (_noted("Pairs of points and boxes", less),)
     rows = Measures((row,))
-    if sample.how.beyond == "unknown":
-        rows += material(sample, row.value, MOST)
+    if sample.how.beyond == "unknown" and lines is not None:
+        rows += material(sample, lines, told, row.value, MOST)
     surface = None if lines is None else 2 * lines.mean[0]
     return Findings(rows, correlation_curves(found, surface), notes)
 
