@@ -14,11 +14,13 @@ from porous.models.model import HasNotes
 from porous.report._agreement import lines, verdict
 from porous.report._citation import citation
 from porous.report._doubts import doubts
+from porous.report._greys import pooled
 from porous.report._page import page, text_of
 from porous.report._plots import plots
 from porous.report._provenance import provenance, title_of, told
 from porous.report._scene import FILES, scene, scene_html
 from porous.report._table import glossary, keys, methods_used, sections
+from porous.scale.costs import SURFACE_VOXELS
 from porous.stages import voxelize
 from porous.values import SurfaceMesh, VoxelGrid
 from porous.view import picture
@@ -159,4 +161,7 @@ def _drawable(result: Result) -> tuple[Drawable | None, str]:
         grid = voxelize(result.model, voxels=count, sampling=grid.sampling)
         remark = f", drawn with {count} voxels along its longest edge"
         return (grid, remark) if grid.solid.any() else (None, "")
+    if grid is not None and grid.frame.size > SURFACE_VOXELS:
+        grid = pooled(grid)
+        return grid, f", drawn with voxels of {grid.frame.spacing[0]:.3g} {grid.frame.unit}"
     return (grid, "") if grid is not None and grid.solid.any() else (result.volume, "")

@@ -21,6 +21,7 @@ from porous.report._colours import colours
 from porous.report._greys import FINEST, packed_greys, pooled
 from porous.report._mesh_data import STEPS, boundary_of, shown, split
 from porous.report._page import embedded
+from porous.scale.costs import SURFACE_VOXELS
 from porous.stages import extract_surface, voxelize
 from porous.values import SurfaceMesh, VoxelGrid
 from porous.values.value import Value, adopted
@@ -192,10 +193,12 @@ def scene(result: Result) -> Scene | None:
 def _voxels(result: Result) -> tuple[VoxelGrid | None, str]:
     """Return a grid in memory, and what to say of a surface of it."""
     grid = result.grid
-    if grid is None or isinstance(grid, VoxelGrid):
+    if grid is None or (isinstance(grid, VoxelGrid) and grid.frame.size <= SURFACE_VOXELS):
         return grid, ""
-    if result.model is None:
-        coarse = pooled(grid)
+    if isinstance(grid, VoxelGrid) or result.model is None:
+        coarse = pooled(grid, MEDIUM) if isinstance(grid, VoxelGrid) else pooled(grid)
+        if isinstance(grid, VoxelGrid) and not coarse.solid.any():  # walls thinner than its voxels
+            return grid, ""
         return coarse, f", of voxels of {coarse.frame.spacing[0]:.3g} {coarse.frame.unit}"
     count = min(FINEST, max(grid.frame.shape))
     coarse = voxelize(result.model, voxels=count, sampling=grid.sampling)
