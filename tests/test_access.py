@@ -19,6 +19,7 @@ from porous.measures import (
     Sample,
     Survey,
     accessible_porosity,
+    local_thickness,
     mercury_intrusion,
     percolation_diameters,
     survey,
@@ -274,10 +275,10 @@ def test_a_probe_that_just_fits_comes_in_and_a_larger_one_does_not():
 
 
 def test_a_room_behind_a_neck_is_filled_through_the_neck():
-    grid = bottle(room=16, neck=4)
+    grid = bottle(room=16, neck=4, wall=9)
     mercury = mercury_intrusion(grid)
     inside = np.zeros(grid.frame.shape, bool)
-    inside[3:-3, 3:19, 3:19] = True
+    inside[9:-9, 9:25, 9:25] = True
     assert mercury.diameters[inside].max() == 4
     assert (mercury.diameters[inside] == 4).mean() > 0.9
     assert mercury.diameters[grid.solid].max() == 0
@@ -285,7 +286,9 @@ def test_a_room_behind_a_neck_is_filled_through_the_neck():
     rows, _ = rows_of(grid)
     assert rows["intrusion_p50"].value == 4
     assert rows["intrusion_trapped_share"].value > 0.9
-    assert rows["constrictivity"].value == pytest.approx((4 / 16) ** 2)
+    narrow = rows["constrictivity"]
+    assert abs(narrow.value - (4 / 16) ** 2) < narrow.uncertainty
+    assert narrow.uncertainty >= 2 * narrow.value / 4
     assert "intrusion_threshold_diameter" not in rows
 
 
@@ -304,7 +307,8 @@ def test_the_largest_channel_of_a_sponge_is_a_third_of_it(periodic):
         rows = percolation_diameters(grid_of(solid, (1 / len(solid),) * 3, periodic))
         assert rows.names == tuple(f"percolation_diameter_{axis}" for axis in "xyz")
         for row in rows:
-            assert row.value == pytest.approx(1 / 3, rel=1e-12)
+            # Walls that are pierced all over count as none: a voxel too much.
+            assert 1 / 3 - 1e-9 <= row.value <= 1 / 3 + 1.001 / len(solid)
             assert row.uncertainty >= 1 / len(solid)
 
 
@@ -327,6 +331,40 @@ def test_windows_of_a_packing_let_pass_what_goes_between_four_balls(shape):
     # What local thickness is off where centres are no voxels'.
     assert np.abs(errors).max() < 1.5
     assert math.sqrt(np.square(errors).mean()) < 1
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("shut", [False, True])
+def test_a_slit_is_as_wide_as_it_is_whatever_comes_through(width, shut):
+    solid = np.ones((16, 20, 18), bool)
+    solid[:, 4 : 4 + width, (4 if shut else 0) :] = False
+    rows, _ = rows_of(grid_of(solid, (0.5,) * 3), probe=0.5 * width)
+    largest = local_thickness(grid_of(solid, (0.5,) * 3)).sizes[-1]
+    names = ("percolation_diameter_x", "intrusion_threshold_diameter", "intrusion_p50")
+    assert [rows[name].value for name in names] == [0.5 * width] * 3
+    assert largest == 0.5 * width
+    assert rows["constrictivity"].value == 1
+    assert rows["constrictivity"].uncertainty >= 2.82 / width
+    # A ball that fills the slit leaves the corners where it ends.
+    row, pores = rows["accessible_porosity"], (~solid).mean()
+    assert row.value == pytest.approx(pores, rel=0.05 if shut else 1e-12)
+
+
+@pytest.mark.parametrize("spacing", SPACINGS)
+@pytest.mark.parametrize("bulk", [False, True])
+def test_nothing_that_comes_in_or_through_is_larger_than_there_is_room_for(spacing, bulk):
+    grid = grid_of(noise((24, 26, 22), 8, 1.5, 0.4), spacing)
+    if bulk:
+        body = np.zeros((24, 26, 22), np.uint8)
+        body[4:20, 5:22, 3:18] = 255
+        grid = VoxelGrid(grid.frame, np.where(body, grid.fill, np.uint8(0)), body)
+    mercury, local = mercury_intrusion(grid), local_thickness(grid)
+    assert np.all(mercury.diameters <= local.diameters)
+    rows, _ = rows_of(grid)
+    assert len(rows) >= 6
+    assert rows["constrictivity"].value <= 1
+    for name, row in rows.items():
+        assert "diameter" not in name or row.value <= local.sizes[-1], name
 
 
 def test_mercury_breaks_through_along_axes_that_are_not_periodic():
@@ -409,8 +447,7 @@ def test_periodic_bodies_may_be_moved_and_told_twice(seed, shift):
 
 def test_curves_fall_with_the_diameter_and_rise_with_the_pressure():
     grid = grid_of(noise((40, 36, 44), 3, 2.5, 0.4), (2.0, 2.5, 2.0), unit="um")
-    mercury, squares = mercury_intrusion(grid), squared_distances(~grid.solid, (2.0, 2.5, 2.0))
-    rooms = 2 * squares.step * np.sqrt(largest_balls(squares))
+    mercury, rooms = mercury_intrusion(grid), local_thickness(grid).diameters
     _, found = rows_of(grid)
     curves = {(curve.name, curve.series): curve for curve in found.curves}
     sizes = curves["mercury_intrusion", "intruded from outside"]
@@ -454,7 +491,7 @@ def test_pores_beyond_the_bulk_are_outside():
     frame = Frame((0, 0, 0), (1, 1, 1), shape, periodic, "mm")
     bulk = np.where(body, np.uint8(255), np.uint8(0))
     grid = VoxelGrid(frame, np.where(solid, np.uint8(255), np.uint8(0)), bulk)
-    rows, found = rows_of(grid, probe=5.0)
+    rows, found = rows_of(grid, probe=6.0)
     assert not found.notes
     assert rows["constrictivity"].value <= 1
     assert rows["intrusion_unreached_share"].value == 0

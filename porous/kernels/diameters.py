@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -95,8 +95,7 @@ def widths(squares: Squares, balls: Numbers, periodic: Axes) -> Widths:
     given, told = source(squares.values, squares.values.dtype), source(balls, balls.dtype)
     direct = _direct(told)
     # Sums of the same squares in another order differ in their last digits: these are one class.
-    classes = np.arange(1.0, float(told.max()) + 1) if direct else _different(told[told > 0])
-    squared = source(classes, np.float64)
+    squared = source(different(told), np.float64)
     shape, wraps = (4, len(squared)), np.array(periodic, np.int64)
     found: list[Integers] = []
 
@@ -113,8 +112,11 @@ def widths(squares: Squares, balls: Numbers, periodic: Axes) -> Widths:
     return Widths(squared, np.maximum.accumulate(np.maximum(roots + rise, 0.5 * roots)))
 
 
-def _different(squares: NDArray[Any]) -> NDArray[np.float32]:
-    return np.unique(squares.astype(np.float32))
+def different(squares: Numbers) -> Floats:
+    """Return squares above zero that balls have, ascending; all numbers up to small whole ones."""
+    if _direct(squares):
+        return np.arange(1.0, float(squares.max()) + 1)
+    return np.unique(squares[squares > 0].astype(np.float32)).astype(np.float64)
 
 
 def half_widths(squares: Numbers | Floats | np.float64, wide: Widths) -> Floats:
@@ -150,7 +152,8 @@ def tally(balls: Numbers, counted: NDArray[np.bool_], wide: Widths, step: float)
     diameters = np.empty(given.shape, np.float32)
     sizes = np.concatenate([[0.0], 2 * step * wide.radii])
     counts: list[Integers] = []
-    direct = int(_direct(given))
+    # Whole numbers in a row are their own places, also of those with larger ones beyond them.
+    direct = int(_direct(given) and wide.squares[-1] == len(wide.squares))
 
     def look(a: int, b: int) -> None:
         found = np.zeros(len(sizes), np.int64)
@@ -159,9 +162,9 @@ def tally(balls: Numbers, counted: NDArray[np.bool_], wide: Widths, step: float)
 
     slabs(len(given), _planes(given.shape), look)
     number = np.sum(counts, axis=0)
-    different, which = np.unique(sizes[number > 0], return_inverse=True)
+    told, which = np.unique(sizes[number > 0], return_inverse=True)
     found = np.bincount(which, number[number > 0]).astype(np.int64)
-    return Tally(diameters, different, found)
+    return Tally(diameters, told, found)
 
 
 def _direct(balls: Numbers) -> bool:

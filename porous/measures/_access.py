@@ -15,7 +15,6 @@ from porous.measures._intrusion import (
     intrusion,
     passing,
     percolation_rows,
-    rooms,
     ways_of,
 )
 from porous.measures._sample import Family, Findings
@@ -30,11 +29,12 @@ if TYPE_CHECKING:
 
     from porous.measures._intrusion import MercuryIntrusion
     from porous.measures._sample import Sample
+    from porous.measures._thickness import LocalThickness
 
     Floats = NDArray[np.float64]
     Three = tuple[float, float, float]
 
-MOST = 512**3
+MOST = 256**3
 """Voxels of a survey at most."""
 
 TENSION, ANGLE = 0.480, 140.0
@@ -63,7 +63,7 @@ class _Seen:
 
     passing: Three
     mercury: MercuryIntrusion | None = None
-    pores: MercuryIntrusion | None = None
+    pores: LocalThickness | None = None
     numbers: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -113,21 +113,21 @@ def _seen(sample: Sample) -> _Seen:
     through = (0.0, 0.0, 0.0) if _is_bent(sample) else passing(sample, ways)
     if not has_outside(sample):
         return _Seen(through)
-    mercury, pores = intrusion(sample, ways), rooms(sample)
+    mercury, pores = intrusion(sample, ways), sample.thickness("pore")
     return _Seen(through, mercury, pores, _numbers(sample, mercury, pores))
 
 
 def _numbers(
-    sample: Sample, mercury: MercuryIntrusion, pores: MercuryIntrusion
+    sample: Sample, mercury: MercuryIntrusion, pores: LocalThickness
 ) -> dict[str, tuple[float, float]]:
     numbers = {"intrusion_unreached_share": (1 - mercury.reached, 0.0)}
     if mercury.reached:
-        trapped, wide = _behind_necks(sample, mercury, pores)
+        (more, trapped, less), wide = _behind_necks(sample, mercury, pores)
         narrow, doubt = mercury.quantile(0.5), mercury.doubt
-        beta = (narrow / wide) ** 2
+        beta = min(narrow / wide, 1.0) ** 2
         numbers["intrusion_p50"] = narrow, doubt
-        numbers["intrusion_trapped_share"] = trapped, 0.0
-        numbers["constrictivity"] = beta, 2 * beta * doubt * (1 / narrow - 1 / wide)
+        numbers["intrusion_trapped_share"] = trapped, max(more - trapped, trapped - less)
+        numbers["constrictivity"] = beta, 2 * beta * math.hypot(doubt / narrow, doubt / wide)
     return numbers
 
 
@@ -137,27 +137,31 @@ def _is_bent(sample: Sample) -> bool:
 
 
 def _behind_necks(
-    sample: Sample, mercury: MercuryIntrusion, pores: MercuryIntrusion
-) -> tuple[float, float]:
+    sample: Sample, mercury: MercuryIntrusion, pores: LocalThickness
+) -> tuple[Three, float]:
     """Return how much of what is reached is so by balls a voxel smaller than there is room for.
 
-    And the median of the room there is, in what is reached.
+    Before it and after it what that is where necks are by the doubt of a diameter narrower, and
+    wider. And the median of the room there is, in what is reached.
     """
-    step, bulk = 1.000001 * max(sample.frame.spacing), sample.grid.bulk
-    behind, rooms = 0, []
+    step, bulk = max(sample.frame.spacing), sample.grid.bulk
+    steps = [1e-6 * step + max(0.0, step + a) for a in (-mercury.doubt, 0.0, mercury.doubt)]
+    behind, rooms = np.zeros(3, np.int64), []
     for i in range(len(mercury.diameters)):
         narrow, wide = mercury.diameters[i], pores.diameters[i]
         reached = narrow > 0 if bulk is None else (narrow > 0) & (bulk[i] >= 128)
-        behind += int(np.count_nonzero(wide[reached] - narrow[reached] > step))
+        gaps = wide[reached] - narrow[reached]
+        behind += [np.count_nonzero(gaps > least) for least in steps]
         rooms.append(np.unique(wide[reached], return_counts=True))
     sizes, numbers = (np.concatenate([room[end] for room in rooms]) for end in (0, 1))
     if not len(sizes):
-        return 0.0, math.nan
+        return (0.0, 0.0, 0.0), math.nan
     order = np.argsort(sizes, kind="stable")
     counts = np.cumsum(numbers[order])
     middle = int(np.searchsorted(counts, 0.5 * counts[-1] * (1 - 1e-12)))
     room = pores.sizes[np.abs(pores.sizes - sizes[order][middle]).argmin()]
-    return behind / int(counts[-1]), float(room)
+    more, here, less = behind / int(counts[-1])
+    return (float(more), float(here), float(less)), float(room)
 
 
 def _intrusion_rows(
@@ -237,7 +241,7 @@ def _chosen(sizes: Floats) -> Floats:
     return np.asarray(sizes[np.unique(places)])
 
 
-def _at_least(diameters: Floats, found: MercuryIntrusion) -> Floats:
+def _at_least(diameters: Floats, found: MercuryIntrusion | LocalThickness) -> Floats:
     """Return the part of the pores' volume with each of these diameters or a larger one."""
     beyond = np.append(np.cumsum(found.shares[::-1])[::-1], 0.0)
     places = np.searchsorted(found.sizes, diameters * (1 - 1e-9))

@@ -10,6 +10,7 @@ import numpy as np
 
 from porous.errors import GridError
 from porous.measures._sample import Sample
+from porous.measures._thickness import within_bulk
 from porous.memory import check_memory
 from porous.values import Measure, Measures
 from porous.values.value import Value, adopted, frozen
@@ -45,11 +46,11 @@ class MercuryIntrusion(Value):
     frame
         Where the voxels lie.
     diameters
-        float32, shape ``frame.shape``, in ``frame.unit``: 0 where nothing comes.
+        float32, shape ``frame.shape``, in ``frame.unit``: 0 where nothing comes, and beyond the
+        bulk.
     sizes, shares
         Shape (n,): the diameters that occur, ascending, and the part of the pores' volume that has
-        each; what shares lack to 1 is never reached. Pores beyond the bulk are in ``diameters``
-        only.
+        each; what shares lack to 1 is never reached.
     porosity
         The pores' part of the bulk, by voxel count.
     doubt
@@ -115,15 +116,15 @@ def mercury_intrusion(grid: VoxelGrid, *, progress: Progress | None = None) -> M
     ----------
     grid
         The body; any spacing. Balls come in by all sides that are not periodic, and from pores that
-        lie beyond the bulk.
+        lie beyond the bulk; their centres are looked at in the grid and in the bulk.
     progress
         Called as ``progress("access", done)`` with done in 0 … 1; raising in it cancels.
 
     Returns
     -------
     MercuryIntrusion
-        A diameter is twice the distance from a voxel's centre to that of the nearest one of solid;
-        its doubt is one voxel (its longest edge, and twice the grid's sampling error).
+        A diameter is that between walls, as ``local_thickness`` tells it, which is no less
+        anywhere; its doubt is one voxel (its longest edge, and twice the grid's sampling error).
 
     Raises
     ------
@@ -286,7 +287,9 @@ def doubt_of(sample: Sample) -> float:
 
 def passing(sample: Sample, ways: Ways) -> Three:
     """Return the diameter of the largest ball that passes along each axis; 0 where none does."""
-    x, y, z = 2 * sample.squares("pore").step * np.sqrt(ways.through)
+    if not ways.through.any():
+        return 0.0, 0.0, 0.0
+    x, y, z = 2 * sample.half_widths("pore", ways.through)
     return float(x), float(y), float(z)
 
 
@@ -324,53 +327,39 @@ def intrusion(sample: Sample, ways: Ways) -> MercuryIntrusion:
     from porous.kernels.thickness import largest_balls
     from porous.kernels.widest import thinned
 
-    squares, periodic = sample.squares("pore"), sample.frame.periodic
-    reached = ways.inward
+    bulk, periodic = sample.voxels("pore").bulk, sample.frame.periodic
+    squares = within_bulk(sample.squares("pore"), bulk)
+    reached = within_bulk(squares._replace(values=ways.inward), bulk).values
     if reached.any():
         balls = thinned(squares, reached, periodic=periodic)
         found = largest_balls(balls, periodic=periodic, progress=_part(sample, 0.5, 1.0))
         reached = np.maximum(found, reached, out=found)
-    return _told(sample, reached, squares.step)
-
-
-def rooms(sample: Sample) -> MercuryIntrusion:
-    """Return the same of balls that need not come from anywhere: there are none larger."""
-    from porous.kernels.thickness import largest_balls
-
-    squares = sample.squares("pore")
-    return _told(sample, largest_balls(squares, periodic=sample.frame.periodic), squares.step)
+    return _told(sample, reached)
 
 
 def _part(sample: Sample, start: float, stop: float) -> Callable[[int, int], None]:
     return lambda done, count: sample.tell(NAME, start + (stop - start) * done / max(count, 1))
 
 
-def _told(sample: Sample, reached: Numbers, step: float) -> MercuryIntrusion:
+def _told(sample: Sample, reached: Numbers) -> MercuryIntrusion:
+    from porous.kernels.diameters import Widths, different, half_widths, tally
+
     counted = ~sample.grid.solid if sample.grid.bulk is None else sample.voxels("pore").counted
     bulk = sample.frame.size
     if sample.grid.bulk is not None:
         bulk = int(np.count_nonzero(sample.grid.bulk >= 128))
     pores = int(np.count_nonzero(counted))
-    values, counts = _occurring(reached, counted)
-    diameters = np.sqrt(reached, dtype=np.float32)
-    diameters *= np.float32(2 * step)
+    wide, step = sample.widths("pore"), sample.squares("pore").step
+    if reached.any():
+        # Balls that come from outside may have squares that no largest ball has.
+        wide = Widths(values := different(reached), half_widths(values, wide))
+    found = tally(reached, counted, wide, step)
+    some = found.sizes > 0
     return MercuryIntrusion(
         sample.frame,
-        adopted(diameters),
-        2 * step * np.sqrt(values),
-        counts / pores,
+        adopted(found.diameters),
+        found.sizes[some],
+        found.counts[some] / pores,
         pores / bulk,
         doubt_of(sample),
     )
-
-
-def _occurring(squares: Numbers, counted: Bools) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the squares above zero that occur among the voxels that count, and how often."""
-    chosen = squares[counted]
-    if chosen.dtype.kind == "i":
-        often = np.bincount(chosen)
-        often[:1] = 0
-        values = np.flatnonzero(often)
-        return values.astype(np.float64), often[values]
-    found, often = np.unique(chosen[chosen > 0], return_counts=True)
-    return found.astype(np.float64), often
