@@ -77,7 +77,7 @@ def test_lengths_are_told_in_the_unit_of_the_first(page):
     unit, _, first, second = cells(page, "specific_surface_area")
     assert unit == ["1/mm"]
     assert first == ["2", "± 0.2"]
-    assert second == ["2.5", "± 0.08", "✗ differs by +25.00%"]
+    assert second == ["2.5", "± 0.08", "differs by +25.00%"]
     assert cells(page, "volume")[3] == ["8.1", "± 0.1", "✓ agrees"]
 
 
@@ -96,20 +96,20 @@ def test_materials_are_told_by_the_best_method_that_they_share():
     assert shared[1:] == [
         ["voxel count"],
         ["0.52", "± 0.03"],
-        ["0.6", "± 0.01", "✗ differs by +15.38%"],
+        ["0.6", "± 0.01", "differs by +15.38%"],
     ]
     alone = Measures((row("porosity", 0.6, "closed form"),))
     each = cells(compare_html([material("one", A), material("two", alone)]), "porosity")
     assert each[2:] == [
         ["0.5", "± 0.01", "voxel fill"],
-        ["0.6", "exact", "closed form", "✗ differs by +20.00%"],
+        ["0.6", "exact", "closed form", "differs by +20.00%"],
     ]
 
 
 def test_units_of_different_kinds_are_not_compared():
     rows = (row("volume", 8.0, "voxel fill", unit="mm²"),)
     html = compare_html([material("one", A), material("two", Measures(rows))])
-    assert cells(html, "volume")[3] == ["8 mm²", "exact", "✗ has another unit"]
+    assert cells(html, "volume")[3] == ["8 mm²", "exact", "has another unit"]
 
 
 @pytest.mark.parametrize(

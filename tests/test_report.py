@@ -20,9 +20,10 @@ from porous.measures import Findings
 from porous.pipeline import Result, run
 from porous.recipe import build, load, with_files
 from porous.report import _page, _report, report_html, write_report
-from porous.report._agreement import agree, conflicts, groups, number, verdict
+from porous.report._agreement import agree, conflicts, groups, lines, verdict
 from porous.report._citation import citation, software
 from porous.report._definitions import definitions, documents, methods, sources
+from porous.report._digits import half_text, number, value_text
 from porous.report._doubts import doubts
 from porous.report._page import markdown
 from porous.report._svg import COLOURS, DASHES, SYMBOLS
@@ -404,6 +405,10 @@ def test_numbers_agree_within_what_both_admit(a, b, same):
     [
         (12, "12"),
         (-4.0, "−4"),
+        (
+            1982627123.4,
+            "1\N{NARROW NO-BREAK SPACE}982\N{NARROW NO-BREAK SPACE}627\N{NARROW NO-BREAK SPACE}000",
+        ),
         (64000000, "64\N{NARROW NO-BREAK SPACE}000\N{NARROW NO-BREAK SPACE}000"),
         (1 / 3, "0.3333333"),
         (-1.5e-9, "−1.5e−09"),
@@ -427,19 +432,58 @@ def test_the_certificate_is_in_the_report(body):
 @pytest.mark.parametrize(
     ("verdicts", "tone", "words"),
     [
-        (("agree", "agree"), "good", "agree in volume, genus."),
-        (("agree", "unknown"), "good", "agree in volume; not decided: genus."),
-        (("agree", "differ"), "bad", "differ in genus: the certificate says"),
+        (("agree", "agree"), "good", "Voxels and surface agree in volume, genus."),
+        (("agree", "unknown"), "open", "Voxels and surface agree in volume; not decided: genus."),
+        (("agree", "differ"), "bad", "Voxels and surface differ in genus: the certificate says"),
         (("unknown", "unknown"), "open", "nothing to compare with"),
         ((), "open", "nothing to compare with"),
     ],
 )
-def test_the_verdict_is_that_of_the_worst_check(verdicts, tone, words):
+def test_the_verdict_is_that_of_the_worst_check_and_names_what_was_compared(verdicts, tone, words):
     names = zip(("volume", "genus"), verdicts, strict=False)
-    checks = tuple(Check(name, "1", 1, 1, 1, 1, 0.0, 0.1, verdict) for name, verdict in names)
+    checks = tuple(Check(name, "1", None, 1, 1, None, 0.0, 0.1, said) for name, said in names)
     said = verdict(Certificate(checks))
     assert said.tone == tone
     assert words in said.text
+
+
+def test_what_is_not_decided_is_neither_ticked_nor_crossed(body):
+    words = ("agree", "unknown", "differ")
+    checks = tuple(Check(f"q{w}", "1", 1, 13.037, None, 2, 1.5, 0.1, w) for w in words)
+    html = report_html(replace(body, measures=Measures(), certificate=Certificate(checks)))
+    part = parsed(html[html.index('id="certificate"') : html.index('id="notes"')]).words
+    assert "✓ agree" in part
+    assert "0.1 unknown" in part
+    assert "✗ differ" in part
+
+
+def test_the_voxels_of_the_certificate_have_their_half_width():
+    check = Check("volume", "mm³", 11.618, 13.037, 12.0, None, 1.5, 0.1, "agree")
+    (line,) = lines(Certificate((check,)))
+    assert line.values == ("11.618", "13 ± 1.5", "12", "—")
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "unit", "said"),
+    [
+        (93.8, 36, "mm", ("94", "± 36")),
+        (0.451303155, 1.3e-4, "1", ("0.4513", "± 0.00013")),
+        (0.451303155, 2.6e-11, "1", ("0.4513032", "exact as shown")),
+        (1.11e-16, 2.2e-16, "1", ("0", "exact as shown")),
+        (1.11e-16, 2.2e-16, "m³", ("1.1e−16", "± 2.2e−16")),
+        (6.66e-16, 0.35, "1", ("0", "± 0.35")),
+        (1982627123.4, 3.4e3, "mm³", ("1 982 627 100", "± 3 400")),
+        (0.123456, math.inf, "1", ("0.1235", "not known")),
+        (math.inf, math.inf, "1", ("infinite", "not known")),
+        (12, 0.0, "1", ("12", "exact as shown")),
+    ],
+)
+def test_no_more_figures_are_told_than_are_known(value, half, unit, said):
+    one = row("v", value, "m", half, "bound", unit=unit)
+    told = tuple(
+        text.replace("\N{NARROW NO-BREAK SPACE}", " ") for text in (value_text(one), half_text(one))
+    )
+    assert told == said
 
 
 # --- where it comes from, and how to cite it ------------------------------------------------

@@ -6,7 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from porous.values.measure import ONE_SIDED
+from porous.report._digits import (
+    half_text,
+    half_width,
+    number,
+    rounded,
+    unit_of,
+    value_text,
+    width_text,
+)
 
 if TYPE_CHECKING:
     from porous.certificate import Certificate, Check
@@ -14,9 +22,6 @@ if TYPE_CHECKING:
 
 ROUNDING = 1e-9
 """Relative difference that is put down to floating-point numbers."""
-
-COVERAGE = 2.0
-"""Standard uncertainties of a half-width: about 95 %."""
 
 ROOM = 1.5
 """Half-widths within which two numbers are said to agree: three standard uncertainties. A report
@@ -77,23 +82,6 @@ def _room(measure: Measure) -> float:
     return half_width(measure) * (ROOM if measure.kind == "standard" else 1.0)
 
 
-def half_width(measure: Measure) -> float:
-    """Return how far a measure may be off: its bound, or twice its standard uncertainty."""
-    factor = COVERAGE if measure.kind == "standard" else 1.0
-    return factor * measure.uncertainty
-
-
-def number(value: float) -> str:
-    """Return a number for people: whole numbers whole, others to seven figures."""
-    if math.isnan(value):
-        return "not defined"
-    if math.isinf(value):
-        return "infinite" if value > 0 else "−infinite"
-    if value == int(value) and abs(value) < 1e12:
-        return f"{int(value):,}".replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "−")
-    return f"{value:.7g}".replace("-", "−")
-
-
 def _group(measures: Measures, name: str) -> Group:
     best = measures[name]
     others = [row for row in measures.all(name) if row is not best]
@@ -107,7 +95,7 @@ def _row(measure: Measure, best: Measure | None) -> Row:
         name=measure.name,
         method=measure.method,
         of=measure.of,
-        value=number(measure.value),
+        value=value_text(measure),
         exactly=repr(measure.value),
         unit=unit_of(measure),
         half=half_text(measure),
@@ -117,19 +105,6 @@ def _row(measure: Measure, best: Measure | None) -> Row:
         agrees=fine,
         best=best is None,
     )
-
-
-def unit_of(measure: Measure) -> str:
-    """Return what stands after a value: nothing for pure numbers."""
-    return "" if measure.unit == "1" else measure.unit
-
-
-def half_text(measure: Measure) -> str:
-    """Return how far off a measure may be, for people: a bound, or 95 % of a normal law."""
-    if measure.kind == "exact" or measure.method in ONE_SIDED:
-        return measure.spread
-    half = half_width(measure)
-    return f"± {half:.2g}" if math.isfinite(half) else "not known"
 
 
 def compared(best: Measure, other: Measure) -> str:
@@ -145,16 +120,26 @@ def _gap(best: Measure, other: Measure) -> str:
     return f"{sign}{number(abs(gap))}"
 
 
+TONES = {"agree": "good", "unknown": "open", "differ": "bad"}
+"""How a verdict looks."""
+
+SUBJECTS = {"model": "model", "grid": "voxels", "surface": "surface", "volume": "mesh"}
+"""What is compared, and what it is called."""
+
+
 @dataclass(frozen=True)
 class Line:
-    """One line of the certificate, as text; ``values`` are of model, grid, surface and volume."""
+    """One line of the certificate, as text; ``values`` are of model, grid, surface and volume.
+
+    ``tone`` is good, open or bad, as of a ``Verdict``.
+    """
 
     quantity: str
     values: tuple[str, ...]
     tolerance: str
     verdict: str
     remedy: str
-    good: bool
+    tone: str
 
 
 @dataclass(frozen=True)
@@ -171,30 +156,45 @@ def lines(certificate: Certificate | None) -> tuple[Line, ...]:
 
 
 def verdict(certificate: Certificate | None) -> Verdict:
-    """Return what the certificate comes to."""
+    """Return what the certificate comes to; only what was compared is named."""
     rows = certificate.rows if certificate else ()
     named = {
         word: [row.quantity.replace("_", " ") for row in rows if row.verdict == word]
-        for word in ("agree", "differ", "unknown")
+        for word in TONES
     }
     if named["differ"]:
-        text = f"Model, voxels, surface and mesh differ in {', '.join(named['differ'])}"
+        text = f"{_compared(rows, 'differ')} differ in {', '.join(named['differ'])}"
         return Verdict(f"{text}: the certificate says what would mend it.", "bad")
     if not named["agree"]:
         return Verdict("Not certified: there was nothing to compare with.", "open")
-    text = f"Model, voxels, surface and mesh agree in {', '.join(named['agree'])}"
-    open_ones = f"; not decided: {', '.join(named['unknown'])}" if named["unknown"] else ""
-    return Verdict(f"{text}{open_ones}.", "good")
+    text = f"{_compared(rows, 'agree')} agree in {', '.join(named['agree'])}"
+    if named["unknown"]:
+        return Verdict(f"{text}; not decided: {', '.join(named['unknown'])}.", "open")
+    return Verdict(f"{text}.", "good")
+
+
+def _compared(rows: tuple[Check, ...], word: str) -> str:
+    """Return who has a value where the verdict is that word, in a sentence's first words."""
+    there = [
+        name
+        for subject, name in SUBJECTS.items()
+        if any(getattr(row, subject) is not None for row in rows if row.verdict == word)
+    ]
+    text = " and ".join((", ".join(there[:-1]), there[-1])) if len(there) > 1 else "".join(there)
+    return text[:1].upper() + text[1:]
 
 
 def _line(row: Check) -> Line:
     values = (row.model, row.grid, row.surface, row.volume)
+    shown = ["—" if value is None else number(value) for value in values]
+    if row.grid is not None and row.width:
+        shown[1] = f"{rounded(row.grid, row.width)} {width_text(row.grid, row.width)}"
     unit = "" if row.unit == "1" else f" in {row.unit}"
     return Line(
         quantity=f"{row.quantity}{unit}",
-        values=tuple("—" if value is None else number(value) for value in values),
+        values=tuple(shown),
         tolerance=f"{row.tolerance:.2g}",
         verdict=row.verdict,
         remedy=row.remedy,
-        good=row.verdict != "differ",
+        tone=TONES[row.verdict],
     )

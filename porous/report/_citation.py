@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from porous.report._agreement import number
 from porous.report._definitions import CITATION, definition, documents, methods, sources
+from porous.report._digits import number
 from porous.report._provenance import surroundings, times
 
 if TYPE_CHECKING:

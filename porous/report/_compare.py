@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from porous.recipe import dump
-from porous.report._agreement import agree, compared, half_text, number, unit_of
+from porous.report._agreement import agree, compared
 from porous.report._definitions import OTHERS, definition, definitions
+from porous.report._digits import half_text, unit_of, value_text
 from porous.report._page import page
 from porous.report._plots import plots
 from porous.report._provenance import title_of, versions
@@ -188,7 +189,7 @@ def _cell(row: Measure | None, first: Measure | None, unit: str, *, alone: bool)
     other = row.unit != unit
     mark = "" if first is None else "has another unit" if other else compared(first, row)
     return Cell(
-        value=number(row.value) + (f" {row.unit}" if other else ""),
+        value=value_text(row) + (f" {row.unit}" if other else ""),
         exactly=repr(row.value),
         half=half_text(row),
         method=row.method if alone else "",

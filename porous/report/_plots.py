@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from porous.report._agreement import number
 from porous.report._definitions import definition
+from porous.report._digits import number
 from porous.report._svg import COLOURS, DASHES, SYMBOLS, drawing
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from porous.recipe import dump, files
-from porous.report._agreement import number
+from porous.report._digits import number
 from porous.values import SurfaceMesh
 from porous.values.job import PROPERTIES
 

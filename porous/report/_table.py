@@ -6,16 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from porous.report._agreement import (
-    agree,
-    compared,
-    groups,
-    half_text,
-    half_width,
-    number,
-    unit_of,
-)
+from porous.report._agreement import agree, compared, groups
 from porous.report._definitions import OTHERS, definition, definitions, methods
+from porous.report._digits import half_text, half_width, unit_of, value_text
 from porous.values import Measures
 
 if TYPE_CHECKING:
@@ -109,13 +102,13 @@ def _key(measures: Measures, name: str, label: str) -> Key:
     return Key(
         label=label,
         name=name,
-        value=number(row.value) if row else "—",
+        value=value_text(row) if row else "—",
         exactly=repr(row.value) if row else NOTHING,
         half=half_text(row) if row else "",
         half_exactly=repr(half_width(row)) if row else NOTHING,
         unit=unit_of(answer),
         method=answer.method,
-        closed=number(formula.value) if formula else "—",
+        closed=value_text(formula) if formula else "—",
         closed_exactly=repr(formula.value) if formula else NOTHING,
         mark=compared(formula, row) if formula and row else "",
         agrees=not (formula and row) or agree(formula, row),
