@@ -74,6 +74,13 @@ def directed(rows, number):
     return np.array([rows[f"fabric_direction_{number}_{axis}"].value for axis in "xyz"])
 
 
+def tensor_of(rows, told="value"):
+    m = np.zeros((3, 3))
+    for a, b in ("xx", "yy", "zz", "yz", "xz", "xy"):
+        m["xyz".index(a), "xyz".index(b)] = getattr(rows[f"fabric_tensor_{a}{b}"], told)
+    return m + np.triu(m, 1).T
+
+
 def test_tilted_layers_of_unequal_voxels_are_seen_exactly():
     spacing, turns = np.array((0.5, 0.8, 0.3)), np.array((2, 1, 2))
     x = centres((60, 60, 60)).T.T
@@ -87,7 +94,10 @@ def test_tilted_layers_of_unequal_voxels_are_seen_exactly():
     assert rows["mean_intercept_length_3"].unit == "um"
     assert "mean_intercept_length_1" not in rows  # along layers it is infinite
     assert rows["degree_of_anisotropy"].value == pytest.approx(1)
-    assert directed(rows, 3) == pytest.approx(across / np.linalg.norm(across), abs=1e-6)
+    unit = across / np.linalg.norm(across)
+    assert directed(rows, 3) == pytest.approx(unit, abs=1e-6)
+    assert tensor_of(rows) == pytest.approx(np.outer(unit, unit), abs=1e-6)
+    assert tensor_of(rows, "uncertainty").max() < 1e-6
     assert "fabric_direction_1_x" not in rows  # all directions along layers are alike
 
 
@@ -139,6 +149,26 @@ def test_a_stretched_body_has_the_anisotropy_of_its_stretch():
         assert max(rows[name].uncertainty for rows in found) < 0.05 * value
     for rows in found:
         assert directed(rows, 1) == pytest.approx(axis, abs=0.03)
+    wanted = np.eye(3) - (1 - 1 / 1.5**2) * np.outer(axis, axis)
+    wanted /= np.trace(wanted)
+    for rows in found:
+        assert np.trace(tensor_of(rows)) == pytest.approx(1)
+        off = np.abs(tensor_of(rows) - wanted)
+        assert off.max() < 0.02
+        assert tensor_of(rows, "uncertainty").max() < 0.02
+
+
+@pytest.mark.parametrize("radius", [3, 5, 8])
+def test_noise_alone_is_within_the_uncertainty_of_the_anisotropy(radius):
+    """A ball is the same in all directions; where it lies among the voxels is not."""
+    for place in np.random.default_rng(radius).random((4, 3)):
+        x = centres((2 * radius + 12,) * 3) - (radius + 6 + place)[:, None, None, None]
+        rows = rows_of(grid_of((x**2).sum(axis=0) < radius**2, periodic=ALL))
+        row = rows["degree_of_anisotropy"]
+        assert row.value <= 2 * row.uncertainty
+        assert row.uncertainty < 2 / radius**1.5
+        off = np.abs(tensor_of(rows) - np.eye(3) / 3)
+        assert (off < 3 * tensor_of(rows, "uncertainty")).all()
 
 
 def test_cubic_bodies_have_no_direction_and_turned_ones_the_same_numbers():
@@ -152,6 +182,9 @@ def test_cubic_bodies_have_no_direction_and_turned_ones_the_same_numbers():
     turned = rows_of(grid_of(solid.transpose(2, 0, 1), (1.2, 1, 0.7), ALL))
     for name in ("mean_intercept_length_3", "degree_of_anisotropy"):
         assert turned[name].value == pytest.approx(one[name].value, rel=1e-9)
+    assert tensor_of(turned) == pytest.approx(
+        tensor_of(one)[np.ix_((2, 0, 1), (2, 0, 1))], abs=1e-9
+    )
     assert directed(turned, 3) == pytest.approx(directed(one, 3)[[2, 0, 1]], abs=1e-9)
     assert abs(directed(one, 3)[1]) > 0.99
 

@@ -42,6 +42,10 @@ TIMES = (1, 2, 3)
 CLEAR = 0.5
 """Main directions are told where they are clear to so many radians."""
 
+PARTED = 2.5
+"""The square of how much noise off its diagonal parts eigenvalues that are all the same, by what
+noise on it does: then both are as much as random matrices have, root mean square."""
+
 ROUNDING = 1e-12
 """Eigenvalues of a fabric below this part of the largest are none."""
 
@@ -222,6 +226,45 @@ class Fabric(NamedTuple):
         """1 − least eigenvalue / largest."""
         return float(1 - self.values[0] / self.values[2])
 
+    @property
+    def whole(self) -> Floats:
+        """M in x, y and z, float64, shape (3, 3)."""
+        return np.asarray(self.axes.T @ np.diag(self.values) @ self.axes)
+
+    @property
+    def tensor(self) -> Floats:
+        """M by its trace, float64, shape (3, 3)."""
+        return np.asarray(self.whole / self.values.sum())
+
+    def tensor_error(self, a: int, b: int) -> float:
+        """Return the standard error of an entry of ``tensor``."""
+        entry = np.zeros((3, 3))
+        entry[a, b] = entry[b, a] = 0.5 * (1 + (a == b))
+        # An entry's part of the trace.
+        given = entry - self.tensor[a, b] * np.eye(3)
+        return self.error(self.axes @ given @ self.axes.T) / float(self.values.sum())
+
+    @property
+    def unevenness(self) -> float:
+        """The standard error of the anisotropy, and by how much noise alone may have raised it.
+
+        Eigenvalues that are as near to each other as noise would part them are parted by it: by
+        what ``tensor`` is off there, and of a body that is the same in all directions all of the
+        anisotropy is such an error. Those further apart are parted by so much less.
+        """
+        slopes = np.array([1, 0, self.values[0] / self.values[2]]) / self.values[2]
+        total = self.error(np.diag(slopes * (-1, 0, 1))) ** 2
+        eye, off = np.eye(3), np.zeros((3, 3))
+        for i in range(3):
+            for j in range(3):
+                off[i, j] = self.error((np.outer(eye[i], eye[j]) + np.outer(eye[j], eye[i])) / 2)
+        reach = 2 * float(np.linalg.norm(off))
+        for i, j in ((0, 1), (1, 2), (0, 2)):
+            gap = self.values[j] - self.values[i]
+            near = min(1.0, reach / gap) if gap else 1.0
+            total += PARTED * (near * off[i, j] * (slopes[i] + slopes[j])) ** 2
+        return math.sqrt(total)
+
     def tilt(self, place: int, other: Fabric) -> float:
         """Return how far an axis may be turned, in radians: by the fit, and to another fit's."""
         turn = math.acos(min(1.0, abs(float(self.axes[place] @ other.axes[place]))))
@@ -252,12 +295,14 @@ def fabric(found: Intercepts) -> Measures:
     Measures
         mean_intercept_length_1, _2 and _3 from the longest on (none that is infinite, as along
         tubes); degree_of_anisotropy, 1 − λ₁/λ₃ of the least and largest eigenvalue of M, 0 where
-        all directions are alike and 1 of layers and tubes; and, as far as the directions can be
+        all directions are alike and 1 of layers and tubes; fabric_tensor_xx, _yy, _zz, _yz, _xz and
+        _xy, M by its trace; and, as far as the directions can be
         told from each other, unit vectors fabric_direction_1_x … and fabric_direction_3_x ….
 
         Uncertainties are the difference to what the crossings less their doubts come to, and the
-        standard error of the fit: of a body that no ellipsoid describes the numbers depend on the
-        directions that were looked along.
+        standard error of the fit by these doubts and by what the fit leaves: of a body that no
+        ellipsoid describes the numbers depend on the directions that were looked along. Noise makes
+        a body look more anisotropic than it is, never less so, and the anisotropy's holds that.
     """
     return Measures(tuple(_rows(found)))
 
@@ -269,14 +314,20 @@ def _rows(found: Intercepts) -> Iterator[Measure]:
         if value > doubt:
             spread = value**-0.5 * doubt / value / 2
             yield _row(f"mean_intercept_length_{place + 1}", value**-0.5, found.unit, spread)
-    least, _, most = fit.values
-    doubt = fit.error(np.diag([-1 / most, 0, least / most**2]))
-    doubt = math.hypot(doubt, fit.anisotropy - other.anisotropy)
+    doubt = math.hypot(fit.unevenness, fit.anisotropy - other.anisotropy)
     yield _row("degree_of_anisotropy", fit.anisotropy, "1", doubt)
+    yield from _tensor(fit, other)
     for place in (0, 2):
         tilt = fit.tilt(place, other)
         if tilt < CLEAR:
             yield from _direction(f"fabric_direction_{place + 1}", fit.axes[place], tilt)
+
+
+def _tensor(fit: Fabric, other: Fabric) -> Iterator[Measure]:
+    mine, its = (given.tensor for given in (fit, other))
+    for a, b in _PAIRS:
+        doubt = math.hypot(fit.tensor_error(a, b), mine[a, b] - its[a, b])
+        yield _row(f"fabric_tensor_{'xyz'[a]}{'xyz'[b]}", mine[a, b], "1", doubt)
 
 
 def _direction(name: str, axis: Floats, tilt: float) -> Iterator[Measure]:
@@ -303,6 +354,7 @@ def fitted(found: Intercepts, *, less: float = 0.0) -> Fabric:
     terms = project @ squares
     left = squares - design @ terms
     spread = math.sqrt(float(weights @ left**2) * len(u) / (len(u) - len(_PAIRS)))
+    errors = np.hypot(spread, 2 * found.crossings * found.doubts)
     values, vectors = np.linalg.eigh(_matrix(terms))
     axes = np.array([_turned(axis) for axis in vectors.T])
 
@@ -312,7 +364,7 @@ def fitted(found: Intercepts, *, less: float = 0.0) -> Fabric:
             for (i, j), part in np.ndenumerate(parts)
             if part
         )
-        return float(np.linalg.norm(given @ project)) * spread
+        return float(np.linalg.norm(given @ project * errors))
 
     def matrix(squares: Floats) -> Floats:
         return _matrix(project @ squares)
