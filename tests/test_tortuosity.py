@@ -215,6 +215,42 @@ def test_periodic_bodies_may_be_moved_across(pores):
     assert along(grid_of(pores)) >= found
 
 
+def packed(cut, n=24):
+    """One cell of touching balls, body-centred, cut open so many voxels further along x."""
+    at = (np.arange(n) + 0.37) / n
+    solid = np.zeros((n, n, n), bool)
+    for centre in (0.0, 0.5):
+        square = ((at - centre + 0.5) % 1 - 0.5) ** 2
+        solid |= square[:, None, None] + square[:, None] + square <= 3 / 16
+    return grid_of(np.roll(solid, -cut, 0), (1 / n,) * 3, (True,) * 3)
+
+
+def test_a_cell_is_as_tortuous_wherever_it_is_cut():
+    rows = [geometric_tortuosity(packed(cut)) for cut in (0, 3, 6, 9)]
+    ends = [geometric_tortuosity(replace_periodic(packed(cut))).value for cut in (0, 3, 6, 9)]
+    values = np.array([row.value for row in rows])
+    assert np.ptp(ends) > 0.03  # from side to side it is another number
+    assert np.ptp(values) < 0.006
+    assert min(row.uncertainty for row in rows) > np.ptp(values) / 2
+    assert min(ends) < values.min() < values.max() < max(ends)
+
+
+def replace_periodic(grid):
+    """The same, open along x."""
+    return grid_of(grid.solid, grid.frame.spacing, (False, True, True))
+
+
+def test_a_way_from_period_to_period_leads_through_every_cut():
+    """A wavy wall lets nothing pass, though from where it is cut open ways lead to its image."""
+    n = 12
+    x, y = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    off = (x - 2 * np.sin(2 * np.pi * y / n) + n / 2) % n - n / 2
+    wall = np.repeat((abs(off) <= 1)[:, :, None], 4, axis=2)
+    assert math.isfinite(along(grid_of(wall, periodic=(False, True, True))))
+    found = geometric_tortuosity(grid_of(wall, periodic=(True,) * 3))
+    assert (found.value, found.uncertainty) == (math.inf, math.inf)
+
+
 def test_the_shortest_way_is_the_same_from_either_side(pores):
     there, back = (
         survey(grid_of(solid), only=["tortuosity"]).measures["least_geometric_tortuosity_x"].value

@@ -28,6 +28,11 @@ METHOD = "fast marching"
 MOST = 200**3
 """Voxels that a survey's paths lead through, at most."""
 
+CUTS, MOST_CUT = 5, 160**3
+"""Places where a period is cut open, an odd number since cells often have two like halves; and
+voxels of a survey's grid that is, at most.
+"""
+
 BYTES = 40.0
 """Memory per voxel."""
 
@@ -35,17 +40,24 @@ BINS = 40
 
 
 class _Paths(NamedTuple):
-    """Shortest ways over the straight one, ascending: one per voxel reached of the last layer."""
+    """Shortest ways over the straight one, ascending: one per voxel reached of the last layer.
 
-    lengths: Floats
+    One array for each place where a period is cut open, or for the one between two sides.
+    """
+
+    cuts: tuple[Floats, ...]
 
     @property
-    def mean(self) -> float:
-        return float(self.lengths.mean()) if len(self.lengths) else math.inf
+    def lengths(self) -> Floats:
+        return np.sort(np.concatenate(self.cuts))
 
     @property
-    def least(self) -> float:
-        return float(self.lengths[0]) if len(self.lengths) else math.inf
+    def means(self) -> tuple[float, ...]:
+        return tuple(float(cut.mean()) if len(cut) else math.inf for cut in self.cuts)
+
+    @property
+    def leasts(self) -> tuple[float, ...]:
+        return tuple(float(cut[0]) if len(cut) else math.inf for cut in self.cuts)
 
 
 def geometric_tortuosity(
@@ -58,6 +70,10 @@ def geometric_tortuosity(
     Seen from the other side it may be another number; the shortest way of all has the same length
     either way. It is not the tortuosity factor of diffusion, to which narrow pores add.
 
+    Along a periodic axis ways lead from one layer to its image one period on, and the number is the
+    mean over five layers, spread evenly, at which the period is cut open: a cell cut elsewhere has
+    the same number but for what these are too few.
+
     Lengths are those of a front that marches through the pore voxels' centres (fast marching, J. A.
     Sethian 1996, over 26 neighbours), so that ways keep half a voxel away from walls. Straight ways
     along an axis and flat fronts in any direction are exact; about a point lengths are never too
@@ -67,8 +83,9 @@ def geometric_tortuosity(
     Parameters
     ----------
     grid
-        The body; any spacing. Ways go on along periodic axes across, and begin and end at the
-        grid's sides along ``axis`` in any case; where a bulk is given that is a box, at its sides.
+        The body; any spacing. Ways go on along periodic axes across. Along ``axis`` they begin and
+        end at the grid's sides where it is not periodic; where a bulk is given that is a box, at
+        its sides.
     axis
         x, y or z.
     progress
@@ -77,8 +94,9 @@ def geometric_tortuosity(
     Returns
     -------
     Measure
-        Infinite where no way leads through. The uncertainty is the difference to voxels twice as
-        large, which shows how far walls and bends are off; not known where there are none.
+        Infinite where no way leads through, from one of five layers at least. The uncertainty is
+        the difference to voxels twice as large, which shows how far walls and bends are off, and
+        the standard error over the five layers; not known where there are no such voxels.
 
     Raises
     ------
@@ -117,17 +135,24 @@ def _paths(sample: Sample, pores: Bools, axis: int) -> _Paths:
 
     frame = sample.frame
     order = (axis, *(other for other in range(3) if other != axis))
-    whole = [pores.shape[a] == frame.shape[a] for a in range(3)]
-    wraps = [frame.periodic[a] and whole[a] for a in order[1:]]
+    wraps = [frame.periodic[a] and pores.shape[a] == frame.shape[a] for a in order]
     spacing = tuple(frame.spacing[a] for a in order)
-    lengths = path_lengths(
-        np.ascontiguousarray(pores.transpose(order)),
-        spacing,  # type: ignore[arg-type]
-        periodic=(wraps[0], wraps[1]),
-        progress=lambda done, count: sample.tell(METHOD, (axis + done / max(count, 1)) / 3),
-    )
-    lengths = lengths[np.isfinite(lengths)] / spacing[0] + 0.5
-    return _Paths(np.sort(lengths) / pores.shape[axis])
+    turned, n = pores.transpose(order), pores.shape[axis]
+    starts = sorted({n * cut // CUTS for cut in range(CUTS)}) if wraps[0] else [0]
+
+    def of_cut(cut: int, start: int) -> Floats:
+        lengths = path_lengths(
+            np.concatenate([turned[start:], turned[:start]]),
+            spacing,  # type: ignore[arg-type]
+            periodic=(wraps[1], wraps[2]),
+            progress=lambda done, count: sample.tell(
+                METHOD, (axis + (cut + done / max(count, 1)) / len(starts)) / 3
+            ),
+        )
+        ways: Floats = np.sort(lengths[np.isfinite(lengths)] / spacing[0] + 0.5) / n
+        return ways
+
+    return _Paths(tuple(of_cut(cut, start) for cut, start in enumerate(starts)))
 
 
 def _coarse(sample: Sample, axis: int) -> _Paths | None:
@@ -136,23 +161,26 @@ def _coarse(sample: Sample, axis: int) -> _Paths | None:
     return None if other is None or pores is None else _paths(other, pores, axis)
 
 
-def _row(name: str, value: float, other: float | None) -> Measure:
-    known = other is not None and math.isfinite(value) and math.isfinite(other)
-    doubt = abs(value - other) if other is not None and known else math.inf
+def _row(name: str, cuts: tuple[float, ...], others: tuple[float, ...] | None) -> Measure:
+    value, doubt = math.fsum(cuts) / len(cuts), math.inf
+    other = math.inf if others is None else math.fsum(others) / len(others)
+    if math.isfinite(value) and math.isfinite(other):
+        among = float(np.std(cuts, ddof=1)) / math.sqrt(len(cuts)) if len(cuts) > 1 else 0.0
+        doubt = math.hypot(value - other, among)
     return Measure(name, value, "1", METHOD, doubt, "standard", "grid")
 
 
 def _mean(axis: str, found: _Paths, coarse: _Paths | None) -> Measure:
-    return _row(f"geometric_tortuosity_{axis}", found.mean, coarse and coarse.mean)
+    return _row(f"geometric_tortuosity_{axis}", found.means, coarse and coarse.means)
 
 
 def _least(axis: str, found: _Paths, coarse: _Paths | None) -> Measure:
-    return _row(f"least_geometric_tortuosity_{axis}", found.least, coarse and coarse.least)
+    return _row(f"least_geometric_tortuosity_{axis}", found.leasts, coarse and coarse.leasts)
 
 
 def take(sample: Sample) -> Findings:
-    """Take the tortuosity of the pores along each axis, of 200³ voxels at most."""
-    body = sample.within(MOST)
+    """Take the tortuosity along each axis, of 200³ voxels at most, or 160³ of a periodic grid."""
+    body = sample.within(MOST_CUT if any(sample.frame.periodic) else MOST)
     pores = _pores(body) if sample.has("pore") else None
     if pores is None or not pores.any():
         return Findings()
@@ -171,11 +199,12 @@ def take(sample: Sample) -> Findings:
 
 def _curve(axis: str, found: _Paths) -> Iterator[Curve]:
     """Yield which part of the voxels that are reached has a way of that length."""
-    if not len(found.lengths):
+    lengths = found.lengths
+    if not len(lengths):
         return
-    low, high = found.least, max(float(found.lengths[-1]), found.least + 1e-3)
-    counts, edges = np.histogram(found.lengths, BINS, (low, high))
-    shares: Floats = np.append(counts / np.float64(len(found.lengths)), 0.0)
+    low = float(lengths[0])
+    counts, edges = np.histogram(lengths, BINS, (low, max(float(lengths[-1]), low + 1e-3)))
+    shares: Floats = np.append(counts / np.float64(len(lengths)), 0.0)
     names = ("Shortest way over the straight one", "1", "Part of the far side's pores", "1")
     yield Curve("path_length", f"along {axis}", edges, shares, *names, METHOD, drawn="steps")
 
