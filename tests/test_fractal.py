@@ -111,6 +111,24 @@ def test_lacunarity_is_told_at_a_tenth_of_the_shortest_edge_and_held_against_hal
         lacunarity(fine, phase="wood")
 
 
+def test_lacunarity_is_that_of_the_same_boxes_at_any_resolution():
+    solid = random_solid((27, 27, 27), 5)
+    rows = [lacunarity(grid_of(np.kron(solid, np.ones((k, k, k), bool)))) for k in (2, 3, 4)]
+    values = [row.value for row in rows]
+    # Of 5.4, 8.1 and 10.8 voxels.
+    for row, value in zip(rows[:2], values[1:], strict=True):
+        assert abs(row.value - value) < row.uncertainty
+    assert abs(values[2] - values[1]) < abs(values[1] - values[0]) < 0.01
+    fine = grid_of(np.kron(solid, np.ones((2, 2, 2), bool)))
+    found = gliding_boxes(fine)
+    five, six = (found.solid[list(found.sizes).index(n)] for n in (5, 6))
+    share = math.log(5.4 / 5) / math.log(6 / 5)
+    assert rows[0].value == pytest.approx(five ** (1 - share) * six**share, rel=1e-12)
+    notes = survey(fine, only=["fractal"]).notes
+    # The edge of a cube as large as a voxel of ½ × ¼ × 1 is ½.
+    assert "lacunarity: of boxes of 5.4 voxels (2.7 mm) along each edge" in notes
+
+
 # --- fluid that comes in ------------------------------------------------------------------------
 
 
@@ -286,6 +304,27 @@ def test_a_survey_draws_the_counts_and_names_the_window():
         c.name for c in found.curves
     }
     assert found.measures["lacunarity"].value > 1
+
+
+def test_a_survey_names_no_dimension_that_cannot_be():
+    model = po.build(po.load("menger"))
+    notes = survey(po.voxelize(model, voxels=36), model=model, only=["fractal"]).notes
+    (interval,) = [note for note in notes if "95 %" in note]
+    low, high = (float(interval.split(word)[1].split()[0].rstrip(",")) for word in ("from", " to"))
+    assert 0 <= low <= DIMENSION["menger"] <= high == 3
+    assert any("3 of 8 sizes of boxes are finer than the smallest feature" in n for n in notes)
+    single = np.zeros((20, 20, 20), bool)
+    single[3, 4, 5] = True
+    notes = survey(grid_of(single), only=["fractal"]).notes
+    assert any("with 95 % from 0.0000 to 0.0000" in note for note in notes)
+
+
+@pytest.mark.parametrize(("n", "off"), [(10, 0.04), (97, 0.01)])
+def test_blocks_in_grids_of_any_size_have_dimension_three_of_all_orders(n, off):
+    found = generalised_dimensions(grid_of(np.ones((n, n, n), bool)))
+    late = found.order >= 0
+    np.testing.assert_allclose(found.dimension[late], 3, atol=off)
+    assert (np.abs(found.dimension - 3) <= 1.96 * found.doubt + 1e-9).all()
 
 
 def test_bodies_of_one_phase_have_the_lacunarity_of_that():

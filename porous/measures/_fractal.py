@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from porous.errors import GridError
+from porous.errors import GridError, ModelError
 from porous.measures._boxes import METHOD as BOXES
 from porous.measures._boxes import (
     NORMAL,
     POINTS,
-    BoxCount,
     BoxCounts,
+    Lattice,
     box_counts,
     fitted,
-    line,
-    student,
+    lattices,
+    scaling,
 )
+from porous.measures._model import smallest_feature
 from porous.measures._phase import voxels_of
 from porous.measures._sample import Family, Findings, Sample
 from porous.memory import check_memory
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from porous.kernels.components import Runs
+    from porous.models.model import Model
     from porous.values import Frame, VoxelGrid
 
     Bools = NDArray[np.bool_]
@@ -48,7 +50,7 @@ STEP = 1.5
 """From one size of gliding boxes to the next."""
 
 PART = 10
-"""``lacunarity`` is told of boxes of this part of the grid's shortest edge."""
+"""``lacunarity`` is told of boxes of this part of the grid's shortest edge, one voxel at least."""
 
 BYTES = 40.0
 """Memory per voxel that sums over corners take, along periodic axes too."""
@@ -67,9 +69,14 @@ class Lacunarity(NamedTuple):
     pore: Floats
 
     def at(self, phase: str, size: float) -> float:
-        """Return the lacunarity of a phase at any size, between those there are."""
+        """Return the lacunarity of a phase at any size: on a line, log-log, between sizes."""
         x, y = np.log(self.sizes), np.log(self.solid if phase == "solid" else self.pore)
         return float(np.exp(np.interp(math.log(size), x, y)))
+
+    def of(self, *sizes: int) -> Lacunarity:
+        """Return that of some sizes alone."""
+        chosen = np.isin(self.sizes, sizes)
+        return Lacunarity(self.sizes[chosen], self.solid[chosen], self.pore[chosen])
 
 
 def gliding_boxes(sample: Sample | VoxelGrid) -> Lacunarity:
@@ -100,8 +107,8 @@ def gliding_boxes(sample: Sample | VoxelGrid) -> Lacunarity:
 
 
 def _sizes(frame: Frame) -> Ints:
-    """Return sizes of boxes, ``STEP`` apart or the next, and the one that ``lacunarity`` is of."""
-    sizes, most = {1, _told_size(frame)}, max(1, min(frame.shape) // 2)
+    """Return sizes of boxes, ``STEP`` apart or the next, and those that ``lacunarity`` is of."""
+    sizes, most = set(_around(_told_size(frame))), max(1, min(frame.shape) // 2)
     size = 1.0
     while size <= most:
         sizes.add(round(size))
@@ -109,8 +116,14 @@ def _sizes(frame: Frame) -> Ints:
     return np.array(sorted(sizes), np.int64)
 
 
-def _told_size(frame: Frame) -> int:
-    return max(1, round(min(frame.shape) / PART))
+def _told_size(frame: Frame) -> float:
+    return max(1.0, min(frame.shape) / PART)
+
+
+def _around(size: float) -> tuple[int, ...]:
+    """Return the whole sizes next to a size, and where it is not whole one more either way."""
+    low, high = math.floor(size), math.ceil(size)
+    return (low,) if low == high else (max(1, low - 1), low, high, high + 1)
 
 
 def _gliding(sample: Sample, sizes: Ints) -> Lacunarity:
@@ -146,8 +159,10 @@ def _lacunarities(count: int, first: float, second: float, volume: float) -> tup
 def lacunarity(grid: VoxelGrid, *, phase: str = "solid") -> Measure:
     """Return the lacunarity of a phase at boxes of a tenth of the grid's shortest edge, unit 1.
 
-    ``gliding_boxes`` gives all sizes. The uncertainty is the difference to half the resolution, and
-    not known where the grid cannot be halved.
+    Where that is no whole number of voxels, Λ lies on the line between the two next to it, log Λ
+    over log r. ``gliding_boxes`` gives all sizes. The uncertainty is the difference to half the
+    resolution, and not known where the grid cannot be halved, and that to a line between the sizes
+    one voxel further away.
 
     Raises
     ------
@@ -161,12 +176,14 @@ def lacunarity(grid: VoxelGrid, *, phase: str = "solid") -> Measure:
 
 def _lacunarity(sample: Sample, found: Lacunarity, phase: str) -> Measure:
     size = _told_size(sample.frame)
+    sizes = _around(size)
     value, doubt = found.at(phase, size), math.inf
+    between = abs(found.of(sizes[0], sizes[-1]).at(phase, size) - value)
     if sample.coarse is not None:
-        # Half of an odd number of voxels lies between two sizes of the coarser grid.
-        near = np.array(sorted({max(1, size // 2), max(1, -(-size // 2))}), np.int64)
-        other = _gliding(sample.coarse, near).at(phase, size / 2)
-        doubt = math.inf if math.isnan(other) else abs(value - other)
+        half = max(1.0, size / 2)
+        near = np.array(sorted({math.floor(half), math.ceil(half)}), np.int64)
+        other = _gliding(sample.coarse, near).at(phase, half)
+        doubt = math.inf if math.isnan(other) else abs(value - other) + between
     return Measure(LACUNARITY[phase], value, "1", GLIDING, doubt, "standard", "grid")
 
 
@@ -264,7 +281,7 @@ class Spectrum(NamedTuple):
     alpha_doubt: Floats
     f: Floats
     f_doubt: Floats
-    window: Ints
+    window: Floats
 
 
 def generalised_dimensions(grid: VoxelGrid, *, base: int | None = None) -> Spectrum:
@@ -292,9 +309,9 @@ def generalised_dimensions(grid: VoxelGrid, *, base: int | None = None) -> Spect
     """
     counts = box_counts(grid, base=base)
     window = fitted(counts).window
-    steps = BoxCount.of(grid.frame.shape).base if base is None else int(base)
+    boxes = lattices(grid.frame.shape, base)[:window]
     check_memory(8 * grid.frame.size, "masses of boxes", "Choose fewer voxels.")
-    table = np.array([_moments(*held) for held in _masses(grid.fill, steps, window)])
+    table = np.array([_moments(*held) for held in _masses(grid.fill, boxes)])
     sizes = counts.sizes[:window]
     fits = np.array(
         [[_fit(sizes, table[:, i, k]) for k in range(table.shape[2])] for i in range(4)]
@@ -306,17 +323,17 @@ def generalised_dimensions(grid: VoxelGrid, *, base: int | None = None) -> Spect
     return Spectrum(ORDERS, slope, np.abs(doubt), alpha, wide, f, high, sizes)
 
 
-def _masses(fill: NDArray[np.uint8], base: int, window: int) -> Iterator[tuple[Ints, Ints]]:
+def _masses(fill: NDArray[np.uint8], boxes: tuple[Lattice, ...]) -> Iterator[tuple[Ints, Ints]]:
     """Yield what boxes of each size hold, and how many hold so much."""
+    from porous.kernels.boxes import box_sums
+
     held: Ints = np.bincount(fill.ravel(), minlength=256) if fill.size < MOST else _by_plane(fill)
     there = np.flatnonzero(held[1:]) + 1
     yield there, held[there]
-    sums: NDArray[np.unsignedinteger] = fill
-    for _ in range(window - 1):
-        for axis in range(3):
-            first = np.arange(0, sums.shape[axis], base)
-            sums = np.add.reduceat(sums, first, axis=axis, dtype=np.uint64)
-        yield np.unique(sums[sums > 0].astype(np.int64), return_counts=True)
+    shape = (fill.shape[0], fill.shape[1], fill.shape[2])
+    for lattice in boxes[1:]:
+        sums = box_sums(fill, (0, 0, 0), shape, lattice.parts)
+        yield np.unique(sums[sums > 0], return_counts=True)
 
 
 def _by_plane(fill: NDArray[np.uint8]) -> Ints:
@@ -340,10 +357,9 @@ def _moments(masses: Ints, counts: Ints) -> Floats:
     return np.stack([norm, mean, ORDERS * mean - norm, np.full(len(ORDERS), information)])
 
 
-def _fit(sizes: Ints, values: Floats) -> tuple[float, float]:
+def _fit(sizes: Floats, values: Floats) -> tuple[float, float]:
     """Return a slope over log size and its uncertainty, as ``box_dimension`` has them."""
-    slope, doubt = line(np.log(sizes).tolist(), values.tolist())
-    return slope, doubt * student(len(sizes) - 2)
+    return scaling(np.log(sizes).tolist(), values.tolist())
 
 
 def _take(sample: Sample) -> Findings:
@@ -370,7 +386,13 @@ def _of_gliding(sample: Sample, gliding: Lacunarity, phase: str) -> Findings:
         "lacunarity", phase, edges, values, "edge of box", sample.frame.unit,
         "lacunarity", "1", GLIDING, log="xy",
     )  # fmt: skip
-    return Findings(Measures((_lacunarity(sample, gliding, phase),)), (curve,))
+    size = _told_size(sample.frame)
+    name = LACUNARITY[phase].replace("_", " ")
+    note = (
+        f"{name}: of boxes of {size:.4g} voxels ({size * _edge(sample.frame):.4g} "
+        f"{sample.frame.unit}) along each edge"
+    )
+    return Findings(Measures((_lacunarity(sample, gliding, phase),)), (curve,), (note,))
 
 
 def _of_boxes(sample: Sample) -> Findings:
@@ -382,14 +404,43 @@ def _of_boxes(sample: Sample) -> Findings:
         _dimension(name, spectrum, order)
         for name, order in (("information_dimension", 1), ("correlation_dimension", 2))
     ]
+    notes = (_interval(counts), *_details(sample, counts))
+    return Findings(Measures(tuple(rows)), _curves(sample.frame, counts, spectrum), notes)
+
+
+def _interval(counts: BoxCounts) -> str:
+    """Return a box dimension and where it can lie, in words: between 0 and 3."""
     fit = fitted(counts)
     low, high = fit.slope - NORMAL * fit.doubt, fit.slope + NORMAL * fit.doubt
-    window = counts.sizes[: fit.window]
-    note = (
+    low, high = min(3.0, max(0.0, low)), max(0.0, min(3.0, high))
+    first, last = counts.sizes[0], counts.sizes[fit.window - 1]
+    return (
         f"box dimension: {fit.slope:.4f}, with 95 % from {low:.4f} to {high:.4f}, is the slope "
-        f"over {fit.window} sizes of boxes, {window[0]} to {window[-1]} voxels along an edge"
+        f"over {fit.window} sizes of boxes, {first:.4g} to {last:.4g} voxels along an edge"
     )
-    return Findings(Measures(tuple(rows)), _curves(sample.frame, counts, spectrum), (note,))
+
+
+def _details(sample: Sample, counts: BoxCounts) -> Iterator[str]:
+    """Yield that boxes of the fit are finer than all details, where they are."""
+    feature = _feature(sample.model) if sample.model is not None else None
+    if feature is None:
+        return
+    voxels = feature / _edge(sample.frame)
+    window = counts.sizes[: fitted(counts).window]
+    finer = int((window < voxels * (1 - 1e-9)).sum())
+    if finer:
+        yield (
+            f"box dimension: {finer} of {len(window)} sizes of boxes are finer than the smallest "
+            f"feature, {voxels:.4g} voxels, and see a body of dimension 3; dimensions tend to that"
+        )
+
+
+def _feature(model: Model) -> float | None:
+    """Return a model's smallest feature, if it has any."""
+    try:
+        return smallest_feature(model).value
+    except ModelError:
+        return None
 
 
 def _dimension(name: str, spectrum: Spectrum, order: float) -> Measure:
