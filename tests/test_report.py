@@ -25,9 +25,10 @@ from porous.report._citation import citation, software
 from porous.report._definitions import definitions, documents, methods, sources
 from porous.report._digits import half_text, number, value_text
 from porous.report._doubts import doubts
+from porous.report._names import FORMS, KEYS, called
 from porous.report._page import markdown
 from porous.report._svg import COLOURS, DASHES, SYMBOLS
-from porous.report._table import KEYS, keys, sections
+from porous.report._table import keys, sections
 from porous.values import (
     Block,
     Frame,
@@ -294,7 +295,40 @@ def test_a_measurement_that_contradicts_the_closed_form_is_marked_at_once():
     rows = (row("porosity", 0.5, "closed form", of="model"), row("porosity", 0.6, "voxel fill"))
     (found,) = keys(Measures(rows))
     assert (found.value, found.closed, found.mark) == ("0.6", "0.5", "differs by +20.00%")
-    assert not found.agrees
+    assert found.tone == "bad"
+
+
+def test_closed_forms_of_another_name_stand_beside_what_is_measured():
+    rows = (
+        row("smallest_wall", 0.11, "distance ridge", 0.02, "standard", unit="mm"),
+        row("smallest_feature", 0.1, "closed form", of="model", unit="mm"),
+        row("box_dimension", 2.8, "voxel count", 0.01, "standard"),
+        row("similarity_dimension", 2.7, "closed form", of="model"),
+        row("smallest_pore", 0.3, "closed form", of="model", unit="mm"),
+    )
+    found = {key.label: key for key in keys(Measures(rows))}
+    assert list(found) == ["thinnest wall", "narrowest gap", "box dimension"]
+    said = [(key.value, key.closed, key.mark, key.tone) for key in found.values()]
+    assert said == [
+        ("0.11", "0.1", "agrees", "good"),
+        ("—", "0.3", "", "good"),
+        ("2.8", "2.7", "differs by +3.70%", "open"),
+    ]
+
+
+def test_a_bound_of_the_model_answers_where_nothing_was_measured():
+    rows = (row("smallest_feature", 0.1, "lower bound", math.inf, "bound", "model", "mm"),)
+    (found,) = keys(Measures(rows))
+    assert (found.label, found.value, found.half) == ("thinnest wall", "0.1", "at least")
+
+
+def test_the_overhang_is_told_of_the_best_direction():
+    rows = [
+        row(f"overhang_share_{a}_{w}", v, "voxel normals", 0.01, "standard")
+        for a, w, v in (("x", "up", 0.3), ("y", "down", 0.2), ("z", "up", 0.2 + 1e-9))
+    ]
+    (found,) = keys(Measures(tuple(rows)))
+    assert (found.label, found.value) == ("overhang share, built along −y", "0.2")
 
 
 @pytest.mark.parametrize(("open_ones", "said"), [("xz", "x, z"), ("", "none"), ("xyz", "x, y, z")])
@@ -348,7 +382,7 @@ def test_every_definition_and_method_of_the_page_of_measures_is_read():
 
 
 def test_the_numbers_that_come_first_are_all_defined():
-    assert {name for name, _ in KEYS} <= set(definitions())
+    assert {name for name, _ in KEYS} | set(FORMS.values()) <= set(definitions())
     assert len({label for _, label in KEYS}) == len(KEYS)
 
 
@@ -358,22 +392,102 @@ def test_markdown_becomes_text_that_is_escaped():
 
 
 def test_doubts_name_contradictions_resolution_and_spread(body):
-    thin = Measures((row("smallest_feature", 1.5, "prefractal", of="model", unit="mm"),))
-    said = doubts(replace(body, measures=body.measures + thin))
-    assert said[0].startswith("porosity by voxel count of the grid is 0.47 ± 0.002 (95 %)")
-    assert any("smallest feature is 1.5 mm, 1.5 voxels across" in text for text in said)
-    assert any(text.startswith("surface_area is 9.5 ± 1 (95 %) mm²") for text in said)
-    assert any("tortuosity_factor is not defined" in text for text in said)
-    assert not any("genus" in text for text in said)
+    rows = (
+        row("smallest_feature", 1.5, "prefractal", of="model", unit="mm"),
+        row("specific_surface_area", 2.0, "crofton", 0.1, "bound", unit="1/mm"),
+    )
+    said = doubts(replace(body, measures=body.measures + Measures(rows)))
+    assert said.first == (
+        (
+            "Porosity by voxel count of the grid is 0.47 ± 0.002 (95 %), which contradicts "
+            "0.4513032 by closed form of the model; 0.3 % of numbers that are right do so by chance."
+        ),
+        "The smallest feature is 1.5 mm, 1.5 voxels across; below 3 voxels its shape is lost.",
+        "Specific surface area is 2 ± 0.1 1/mm, by crofton: ± 5 %.",
+    )
+    assert said.others == (
+        "Surface area is 9.5 ± 1 mm² (95 %), by triangles: ± 11 %.",
+        "Tortuosity factor is not defined for this body (random walk).",
+    )
 
 
-def test_a_body_without_doubts_says_so():
-    result = Result(recipe=None, measures=Measures((row("genus", 5, "closed form", of="model"),)))
-    assert doubts(result) == ()
-    words = parsed(report_html(result)).words
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (row("degree_of_anisotropy", 6.66e-16, "m", 0.35, "bound"), "not told apart from zero."),
+        (row("closed_porosity", 0.1, "m", 0.2142, "bound"), "not told apart from zero."),
+        (
+            row("correlation_length", 0.3, "m", math.inf, "bound"),
+            "0.3, by m: how far off is not known.",
+        ),
+        (row("porosity", 0.41, "m", 0.065, "standard"), "0.41 ± 0.13 (95 %), by m: ± 32 %."),
+        (row("smallest_feature", 0.1, "lower bound", math.inf, "bound"), "at least 0.1; how far"),
+    ],
+)
+def test_what_is_uncertain_of_a_number_is_said_in_words(given, said):
+    found = doubts(Result(None, measures=Measures((given,))))
+    (text,) = found.first + found.others
+    assert said in text
+    assert "_" not in text
+    assert "inf " not in text
+
+
+def test_rounding_is_no_doubt(body):
+    rows = (
+        row("closed_porosity", 0.0, "m", 4.4e-16, "bound"),
+        row("trapped_volume", 1e-15, "m", 4.4e-14, "bound", unit="mm³"),
+        row("open_porosity", 0.2, "m", 1e-12, "standard"),
+    )
+    said = doubts(replace(body, measures=Measures(rows)))
+    assert said.first == said.others == ()
+
+
+def test_what_the_threshold_does_is_a_doubt():
+    note = (
+        "threshold at 99: 30% are selected; 29% to 31% would be where the threshold lay 1% higher"
+    )
+    assert doubts(Result(None, notes=(note, "another"))).first == (note,)
+
+
+def test_findings_are_no_doubts(body):
+    html = report_html(replace(body, findings=Findings(notes=("best built along +x",))))
+    assert "best built" in html[html.index('id="findings"') : html.index('id="measures"')]
+    assert "best built" not in html[html.index('id="uncertain"') : html.index('id="findings"')]
+    assert 'id="findings"' not in report_html(body)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("smallest_wall", "thinnest wall"),
+        ("overhang_area_x_down", "overhang area, built along −x"),
+        ("succolarity_y", "succolarity along y"),
+        ("throat_diameter_p50", "throat diameter D50"),
+        ("sq_zmax", "sq zmax"),
+    ],
+)
+def test_measures_have_names_for_people(name, said):
+    assert called(name) == said
+
+
+def test_a_body_without_doubts_says_so(body):
+    exact = Measures((row("genus", 5, "closed form", of="model"),))
+    plain = replace(body, measures=exact, notes=())
+    assert doubts(plain).first == doubts(plain).others == ()
+    words = parsed(report_html(plain)).words
     assert "No measure contradicts another" in words
-    assert "neither voxels nor a mesh were made" in words
     assert "Nothing out of the ordinary" in words
+
+
+def test_a_surface_alone_says_what_voxels_would_tell(body):
+    skin = Result(
+        recipe=None, surface=body.surface, measures=Measures((row("volume", 5, "triangles"),))
+    )
+    words = parsed(report_html(skin)).words
+    assert "There are no voxels: porosity needs a bulk" in words
+    assert "Of what there is, no measure contradicts another" in words
+    nothing = replace(skin, surface=None)
+    assert "neither voxels nor a mesh were made" in parsed(report_html(nothing)).words
 
 
 def test_nothing_at_all_still_makes_a_page():
@@ -570,15 +684,14 @@ def test_what_a_sample_says_of_the_whole_is_among_the_doubts(body):
         row("material_porosity", 0.3, "blocks", 0.05, "standard"),
         row("material_specific_surface", 2.0, "blocks", math.inf, "standard", unit="1/mm"),
     ]
-    said = doubts(replace(body, measures=Measures(tuple(rows)), findings=Findings(notes=("so",))))
-    assert said == (
+    said = doubts(replace(body, measures=Measures(tuple(rows))))
+    assert said.first == (
         "Of what the grid was cut out of the porosity is by blocks of it 0.3 ± 0.1 (95 %).",
         "Of what the grid was cut out of the area by volume is not known.",
-        "so",
     )
 
 
-def test_many_doubts_are_folded():
+def test_many_findings_are_folded():
     notes = tuple(f"doubt {i}" for i in range(30))
     html = report_html(Result(None, findings=Findings(notes=notes)))
     folded = html[html.index("<summary>18 more</summary>") :]

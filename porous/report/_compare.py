@@ -10,10 +10,11 @@ from porous.recipe import dump
 from porous.report._agreement import agree, compared
 from porous.report._definitions import OTHERS, definition, definitions
 from porous.report._digits import half_text, unit_of, value_text
+from porous.report._names import KEYS
 from porous.report._page import page
 from porous.report._plots import plots
 from porous.report._provenance import title_of, versions
-from porous.report._table import KEYS, NOTHING, glossary, methods_used
+from porous.report._table import NOTHING, glossary, methods_used
 from porous.values import Measure, Measures
 from porous.values.units import METRES, length_ratio
 

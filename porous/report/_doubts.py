@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from porous.report._agreement import conflicts, half_width, number
+from porous.report._agreement import conflicts
+from porous.report._digits import half_width, is_noise, unit_of, value_text, width_text
+from porous.report._names import LABELS, called
 from porous.values.measure import ONE_SIDED
 
 if TYPE_CHECKING:
@@ -29,25 +33,68 @@ OF_MATERIAL = {
 NOTEWORTHY = 0.01
 """Relative half-width from which a best number is said to be uncertain."""
 
+MOVED = "would be where the threshold lay"
+"""What a note on an image says of another threshold."""
 
-def doubts(result: Result) -> tuple[str, ...]:
-    """Return what a reader should not take for certain, the gravest first."""
+NOT_APART = "not told apart from zero"
+
+LENGTH = re.compile(r"(?:1/)?[a-zµ]+([²³]?)")
+POWERS = {"": 1, "²": 2, "³": 3}
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """What a reader should not take for certain, the gravest first.
+
+    Parameters
+    ----------
+    first
+        Contradictions, what is too thin, what the threshold does, and the numbers that are looked
+        for first where they are known badly.
+    others
+        All other numbers that are known badly.
+    missing
+        What could not be measured at all, in a sentence; or nothing.
+    """
+
+    first: tuple[str, ...]
+    others: tuple[str, ...]
+    missing: str
+
+
+def doubts(result: Result) -> Doubts:
+    """Return what a reader should not take for certain."""
+    spread = dict(_of_spread(result))
+    return Doubts(
+        first=(
+            *_of_conflicts(result),
+            *_of_resolution(result),
+            *(note for note in result.notes if MOVED in note),
+            *_of_sampling(result),
+            *(spread[name] for name in LABELS if name in spread),
+        ),
+        others=tuple(text for name, text in spread.items() if name not in LABELS),
+        missing=_missing(result),
+    )
+
+
+def _missing(result: Result) -> str:
+    if result.grid is not None or not len(result.measures):
+        return ""
+    known = "" if "porosity" in result.measures else "porosity needs a bulk to be a part of, and "
     return (
-        *_of_conflicts(result),
-        *_of_resolution(result),
-        *_of_sampling(result),
-        *result.findings.notes,
-        *_of_spread(result),
+        f"There are no voxels: {known}sizes of pores and walls, and ways through them, are "
+        "measured of voxels."
     )
 
 
 def _of_conflicts(result: Result) -> Iterator[str]:
     for best, other in conflicts(result.measures):
         chance = "standard" in (best.kind, other.kind)
-        yield (
-            f"{other.name} by {other.method} of the {other.of} is {_shown(other)}, which "
+        yield _sentence(
+            f"{called(other.name)} by {other.method} of the {other.of} is {_shown(other)}, which "
             f"contradicts {_shown(best)} by {best.method} of the {best.of}"
-            f"{'; one in twenty does so by chance' if chance else ''}."
+            f"{'; 0.3 % of numbers that are right do so by chance' if chance else ''}."
         )
 
 
@@ -59,7 +106,7 @@ def _of_resolution(result: Result) -> Iterator[str]:
         for row in result.measures.all(name)[:1]:
             if math.isfinite(row.value) and row.value < FEW * h * (1 - 1e-9):
                 yield (
-                    f"The {name.replace('_', ' ')} is {number(row.value)} {row.unit}, "
+                    f"The {name.replace('_', ' ')} is {value_text(row)} {unit_of(row)}, "
                     f"{row.value / h:.1f} voxels across; below {FEW} voxels its shape is lost."
                 )
 
@@ -73,30 +120,52 @@ def _of_sampling(result: Result) -> Iterator[str]:
             yield f"Of what the grid was cut out of the {label} is {far}."
 
 
-def _of_spread(result: Result) -> Iterator[str]:
+def _of_spread(result: Result) -> Iterator[tuple[str, str]]:
+    """Yield names of measures and what is uncertain of them."""
     for name in result.measures.names:
         row = result.measures[name]
-        if name in OF_MATERIAL:
+        if name in OF_MATERIAL or is_noise(row, _usual(result, row)):
             continue
-        if math.isnan(row.value):
-            yield f"{name} is not defined for this body ({row.method})."
-        elif row.method in ONE_SIDED:
-            yield f"{name} is {row.spread} {number(row.value)}; how far off is not known."
-        elif not half_width(row) <= NOTEWORTHY * abs(row.value):
-            yield (
-                f"{name} is {_shown(row)}: the best there is ({row.method}) leaves "
-                f"{_share(row)} open."
-            )
+        if said := _spread(row):
+            yield name, _sentence(f"{called(name)} {said}")
+
+
+def _spread(row: Measure) -> str:
+    """Return what is uncertain of a number, or nothing."""
+    half = half_width(row)
+    if math.isnan(row.value):
+        return f"is not defined for this body ({row.method})."
+    if row.method in ONE_SIDED:
+        return f"is {row.spread} {_valued(row)}; how far off is not known."
+    if half <= NOTEWORTHY * abs(row.value):
+        return ""
+    if not math.isfinite(half):
+        return f"is {_valued(row)}, by {row.method}: how far off is not known."
+    share = f"± {100 * half / abs(row.value):.2g} %" if half < abs(row.value) else NOT_APART
+    return f"is {_shown(row)}, by {row.method}: {share}."
+
+
+def _usual(result: Result, row: Measure) -> float:
+    """Return what a measure may be of a body as large as this one, to tell rounding by."""
+    found = LENGTH.fullmatch(row.unit)
+    if result.grid is None or not found:
+        return 0.0
+    power = POWERS[found[1]]
+    return float(max(result.grid.frame.box.lengths) ** (-power if "/" in row.unit else power))
+
+
+def _valued(row: Measure) -> str:
+    return f"{value_text(row)} {unit_of(row)}".strip()
 
 
 def _shown(row: Measure) -> str:
-    unit = "" if row.unit == "1" else f" {row.unit}"
-    spread = {"exact": "", "bound": f" ± {row.uncertainty:.2g}"}.get(
-        row.kind, f" ± {half_width(row):.2g} (95 %)"
-    )
-    return f"{number(row.value)}{spread}{unit}"
+    """Return a number with its half-width and unit."""
+    half = half_width(row)
+    if row.kind == "exact" or row.method in ONE_SIDED or is_noise(row):
+        return _valued(row)
+    sure = "" if row.kind == "bound" or not math.isfinite(half) else " (95 %)"
+    return f"{value_text(row)} {width_text(row.value, half)} {unit_of(row)}".strip() + sure
 
 
-def _share(row: Measure) -> str:
-    share = half_width(row) / abs(row.value) if row.value else math.inf
-    return f"{share:.1%}" if math.isfinite(share) else "its size"
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

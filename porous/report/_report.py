@@ -26,6 +26,8 @@ from porous.values import SurfaceMesh, VoxelGrid
 from porous.view import picture
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from porous.pipeline import Result
     from porous.values import VolumeMesh
 
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 PARTS = (
     ("key", "Key numbers"),
     ("uncertain", "What is uncertain"),
+    ("findings", "Findings"),
     ("plots", "Plots"),
     ("measures", "Measures"),
     ("certificate", "Certificate"),
@@ -82,7 +85,7 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
         plots=drawn,
         scripts=scripts,
         title=title_of(result),
-        parts=_parts(has_plots=bool(drawn), has_steps=bool(steps)),
+        parts=_parts(plots=drawn, image=steps, findings=result.findings.notes),
         viewer=viewer,
         image=image,
         remark=remark,
@@ -92,6 +95,7 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
         sections=sections(result.measures),
         checks=lines(result.certificate),
         doubts=doubts(result),
+        findings=result.findings.notes,
         steps=steps,
         notes=[note for note in result.notes if note not in steps],
         provenance=origin,
@@ -111,10 +115,9 @@ def _viewer(result: Result) -> tuple[Markup, tuple[str, ...]]:
     return Markup(scene_html(body)), scripts  # noqa: S704  (a template of the package)
 
 
-def _parts(*, has_plots: bool, has_steps: bool) -> list[tuple[str, str]]:
-    """Return the headings of the page."""
-    given = {"plots": has_plots, "image": has_steps}
-    return [(key, name) for key, name in PARTS if given.get(key, True)]
+def _parts(**given: Sequence[object]) -> list[tuple[str, str]]:
+    """Return the headings of the page; some parts are there only where something is in them."""
+    return [(key, name) for key, name in PARTS if key not in given or given[key]]
 
 
 def _steps(result: Result) -> tuple[str, ...]:

@@ -9,41 +9,20 @@ from typing import TYPE_CHECKING
 from porous.report._agreement import agree, compared, groups
 from porous.report._definitions import OTHERS, definition, definitions, methods
 from porous.report._digits import half_text, half_width, unit_of, value_text
+from porous.report._names import FORMS, KEYS, called
 from porous.values import Measures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from porous.report._agreement import Row
-
-KEYS = (
-    ("porosity", "porosity"),
-    ("open_porosity", "open porosity"),
-    ("closed_porosity", "closed porosity"),
-    ("specific_surface_area", "specific surface area"),
-    ("pore_thickness_p50", "pore size D50"),
-    ("largest_pore_diameter", "largest pore"),
-    ("pore_chord_mean", "mean pore chord"),
-    ("wall_thickness_p50", "wall thickness D50"),
-    ("smallest_wall", "thinnest wall"),
-    ("smallest_gap", "narrowest gap"),
-    ("components", "pieces of solid"),
-    ("genus", "independent tunnels"),
-    ("box_dimension", "box dimension"),
-    ("similarity_dimension", "similarity dimension"),
-    ("percolation_diameter_x", "widest ball that passes along x"),
-    ("percolation_diameter_y", "widest ball that passes along y"),
-    ("percolation_diameter_z", "widest ball that passes along z"),
-    ("geometric_tortuosity_x", "geometric tortuosity along x"),
-    ("geometric_tortuosity_y", "geometric tortuosity along y"),
-    ("geometric_tortuosity_z", "geometric tortuosity along z"),
-)
-"""What the first table has of what there is, and what it calls it."""
+    from porous.values import Measure
 
 CLOSED = "closed form"
 NOTHING = "nan"
 """What a cell without a number sorts by."""
 AXES = ("x", "y", "z")
+OVERHANG = "overhang_share_"
 
 
 @dataclass(frozen=True)
@@ -61,7 +40,7 @@ class Key:
     closed: str
     closed_exactly: str
     mark: str
-    agrees: bool
+    tone: str
 
 
 @dataclass(frozen=True)
@@ -84,24 +63,25 @@ class Term:
 
 def keys(measures: Measures) -> tuple[Key, ...]:
     """Return the numbers that a reader looks for first."""
-    return (*_known(measures), *_open_axes(measures))
+    return (*_known(measures), *_open_axes(measures), *_best_direction(measures))
 
 
 def _known(measures: Measures) -> Iterator[Key]:
     for name, label in KEYS:
-        if name in measures:
+        if name in measures or FORMS.get(name) in measures:
             yield _key(measures, name, label)
 
 
 def _key(measures: Measures, name: str, label: str) -> Key:
     taken = Measures(tuple(row for row in measures.all(name) if row.method != CLOSED))
-    formula = next((row for row in measures.all(name) if row.method == CLOSED), None)
+    formula = _formula(measures, name)
     row = taken[name] if len(taken) else None
     answer = row or formula
-    assert answer is not None
+    if answer is None:  # of a form that holds for the model at least, or at most
+        answer = row = measures[FORMS[name]]
     return Key(
         label=label,
-        name=name,
+        name=answer.name,
         value=value_text(row) if row else "—",
         exactly=repr(row.value) if row else NOTHING,
         half=half_text(row) if row else "",
@@ -111,8 +91,20 @@ def _key(measures: Measures, name: str, label: str) -> Key:
         closed=value_text(formula) if formula else "—",
         closed_exactly=repr(formula.value) if formula else NOTHING,
         mark=compared(formula, row) if formula and row else "",
-        agrees=not (formula and row) or agree(formula, row),
+        tone=_tone(name, formula, row),
     )
+
+
+def _formula(measures: Measures, name: str) -> Measure | None:
+    """Return the closed form that stands beside a measurement, of its own name or another."""
+    rows = (*measures.all(name), *measures.all(FORMS.get(name, "")))
+    return next((row for row in rows if row.method == CLOSED), None)
+
+
+def _tone(name: str, formula: Measure | None, row: Measure | None) -> str:
+    if formula is None or row is None or agree(formula, row):
+        return "good"
+    return "open" if name in FORMS else "bad"
 
 
 def _open_axes(measures: Measures) -> Iterator[Key]:
@@ -121,12 +113,11 @@ def _open_axes(measures: Measures) -> Iterator[Key]:
     if not all(rows.values()):
         return
     led = [axis for axis in AXES if rows[axis][0].value > 0]
-    said = ", ".join(led) if led else "none"
     first = rows["x"][0]
     yield Key(
         label="axes that pores pass",
-        name="through_porosity_x",
-        value=said,
+        name=first.name,
+        value=", ".join(led) if led else "none",
         exactly=NOTHING,
         half="",
         half_exactly=NOTHING,
@@ -135,8 +126,16 @@ def _open_axes(measures: Measures) -> Iterator[Key]:
         closed="—",
         closed_exactly=NOTHING,
         mark="",
-        agrees=True,
+        tone="good",
     )
+
+
+def _best_direction(measures: Measures) -> Iterator[Key]:
+    """Yield what overhangs where the body is built as it overhangs least."""
+    named = [name for name in measures.names if name.startswith(OVERHANG)]
+    if named:
+        best = min(named, key=lambda name: round(measures[name].value, 6))
+        yield _key(measures, best, called(best))
 
 
 def sections(measures: Measures) -> tuple[Section, ...]:
