@@ -117,6 +117,31 @@ def test_chords_of_balls_are_four_thirds_of_the_radius():
         assert (mean.method, mean.unit, mean.of) == ("crofton", "mm", "grid")
 
 
+@pytest.mark.parametrize("wraps", [False, True])
+@pytest.mark.parametrize("shape", [(9, 8, 7), (1, 2, 3), (12, 11, 10)])
+def test_chords_and_their_doubts_are_the_same_whichever_way_round(wraps, shape):
+    solid = np.random.default_rng(3).random(shape) < 0.6
+    solid.flat[:2] = True, False
+
+    def taken(solid, phase):
+        rows = chords(chord_lengths(grid_of(solid, periodic=(wraps,) * 3), phase=phase))
+        return [number for row in rows for number in (row.value, row.uncertainty)]
+
+    for phase in ("pore", "solid"):
+        for axes in ((0,), (1,), (2,), (0, 1, 2)):
+            assert taken(np.flip(solid, axes), phase) == pytest.approx(taken(solid, phase))
+    if wraps:
+        assert taken(np.roll(solid, 1, (0, 1, 2)), "pore") == pytest.approx(taken(solid, "pore"))
+
+
+def test_a_single_voxel_is_as_doubtful_along_each_axis():
+    solid = np.zeros((16, 16, 16), bool)
+    solid[7, 8, 9] = True
+    for wraps in (True, False):
+        rows = chords(chord_lengths(grid_of(solid, periodic=(wraps,) * 3), phase="solid"))
+        assert [(row.value, row.uncertainty) for row in rows] == [(1, 2)] * 3
+
+
 def test_the_skin_of_a_block_makes_chords_of_its_pores_no_more_doubtful():
     x = centres((48, 50, 52)) - 25.1
     solid = (x**2).sum(axis=0) >= 10**2

@@ -58,7 +58,8 @@ class Chords(Value):
     endless
         Number of lines along a periodic axis that lie in the phase all round.
     coarse
-        Mean chord length on every other voxel of each line; NaN where it is not known.
+        Mean chord length on every other voxel of each line, from the first or from the second one
+        on, whichever differs more; NaN where it is not known.
     places
         int64, shape (n,): places on lines where 1 … n voxels in a row are bulk.
     """
@@ -157,15 +158,19 @@ def _along(voxels: Voxels, axis: int) -> Chords:
     found = runs_along(codes, wraps=wraps, beyond=beyond)
     cut = found.halves + found.pieces
     ends = int(2 * found.whole.sum() + found.halves.sum())
-    # Lines of an odd number of voxels, of which every other is taken, do not close on themselves.
-    coarse = runs_along(codes[..., ::2], wraps=wraps and n % 2 == 0, beyond=beyond)
+    fine, h = _mean(found, frame.spacing[axis], n), 2 * frame.spacing[axis]
+    coarse = [
+        _mean(runs_along(some, wraps=wraps, beyond=beyond), h, some.shape[-1])
+        for some in _every_other(codes, wraps=wraps)
+    ]
+    told = [mean for mean in coarse if not math.isnan(mean)]
     return Chords(
         frame.spacing[axis],
         found.whole,
         cut,
         ends,
         found.endless,
-        _mean(coarse, 2 * frame.spacing[axis], (n + 1) // 2),
+        max(told, key=lambda mean: abs(mean - fine), default=math.nan),
         _places(voxels, axis),
     )
 
@@ -177,6 +182,20 @@ def _codes(voxels: Voxels, axis: int) -> Bytes:
     if voxels.bulk is not None:
         codes = np.where(voxels.bulk, codes, np.uint8(UNKNOWN))
     return np.ascontiguousarray(np.moveaxis(codes, axis, -1))
+
+
+def _every_other(codes: Bytes, *, wraps: bool) -> Iterator[Bytes]:
+    """Yield lines of every other voxel, from the first and from the second on.
+
+    Closed lines of an odd number of voxels have them all, in two turns.
+    """
+    n = codes.shape[-1]
+    if wraps and n % 2:
+        yield codes[..., 2 * np.arange(n) % n]
+        return
+    yield codes[..., ::2]
+    if n > 1:
+        yield codes[..., 1::2]
 
 
 def _mean(runs: Runs, spacing: float, n: int) -> float:
