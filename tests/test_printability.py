@@ -16,6 +16,7 @@ from porous.kernels.reached import held_by_balls
 from porous.measures import (
     Sample,
     Survey,
+    accessible_porosity,
     cupped_volume,
     drain_path_length,
     islands,
@@ -25,9 +26,11 @@ from porous.measures import (
     thin_wall_share,
     trapped_volume,
 )
-from porous.measures._overhangs import OFF, _inclined
+from porous.measures._build import DIRECTIONS, Direction
+from porous.measures._overhangs import OFF, _inclined, surface_overhangs
+from porous.measures._printability import _best
 from porous.stages import extract_surface
-from porous.values import Frame, SurfaceMesh, VoxelGrid
+from porous.values import Frame, Measure, Measures, SurfaceMesh, VoxelGrid
 
 WAYS = [f"{axis}_{way}" for axis in "xyz" for way in ("up", "down")]
 SPACING = (0.5, 0.4, 0.25)
@@ -391,6 +394,57 @@ def test_a_model_with_a_boundary_is_known_exactly():
     assert rows["overhang_share_z_up", "exact boundary"].value == pytest.approx(4 / 72)
 
 
+def test_what_is_known_exactly_decides_and_is_drawn():
+    model = po.build(po.load("menger", set={"model.level": 1, "model.size": 3.0}))
+    found = survey(po.voxelize(model, voxels=9), model=model, only=["printability"])
+    drawn = [c for c in found.curves if c.name == "overhang_by_angle"]
+    assert len(drawn) == 6
+    for curve in drawn:
+        assert curve.method == "exact boundary"
+        assert curve.y[0] == 0
+        np.testing.assert_allclose(curve.y[1:], 4)  # all ceilings are flat
+    assert any(note.startswith("no direction to build in is better") for note in found.notes)
+
+
+def fake(**areas):
+    """Rows of overhang areas: value and uncertainty of each direction."""
+    return Measures(
+        tuple(
+            Measure(f"overhang_area_{way}", value, "mm²", method, doubt, "standard", "grid")
+            for way, several in areas.items()
+            for method, value, doubt in several
+        )
+    )
+
+
+def test_exact_areas_count_more_than_those_of_voxels():
+    voxels = "voxel normals"
+    (note,) = _best(
+        fake(
+            x_up=[(voxels, 1.0, 0.1), ("exact boundary", 9.0, 0.0)],
+            y_up=[(voxels, 2.0, 0.1), ("exact boundary", 8.0, 0.0)],
+        ),
+        (Direction(0, True), Direction(1, True)),
+    )
+    assert note.startswith("best built along +y, of 2 directions")
+
+
+def test_directions_within_their_doubt_are_not_called_best():
+    rows = {way: [("voxel normals", 2.0, 0.5)] for way in WAYS}
+    rows["x_up"] = [("voxel normals", 9.0, 0.5)]
+    (note,) = _best(fake(**rows), DIRECTIONS)
+    assert note.startswith("built worse along +x by the least")
+    assert note.endswith("which of −x, +y, −y, +z and −z is best is not told apart")
+
+
+def test_walls_of_two_voxels_are_in_doubt():
+    model = po.build(po.load("menger-bent"))
+    exact = surface_overhangs(model.boundary(), 45.0, "exact boundary", "model")
+    rows = overhangs(po.voxelize(model, voxels=96))
+    for row in exact:
+        assert abs(rows[row.name].value - row.value) <= 2 * rows[row.name].uncertainty, row.name
+
+
 def test_directions_go_with_the_axes():
     fill = gaussian_filter(np.random.default_rng(8).random((20, 18, 16)), 2)
     fill = np.clip(128 + 4000 * (fill - fill.mean()), 0, 255).astype(np.uint8)
@@ -529,7 +583,11 @@ def test_a_wide_probe_touches_no_bottom_of_a_narrow_pit():
     sag = 0.6 - math.sqrt(0.6**2 - 0.4**2)
     cap = math.pi * sag**2 * (0.6 - sag / 3)
     assert abs(row.value - (8 * 8 * 12 * 1e-3 - cap)) <= row.uncertainty
-    assert trapped_volume(grid_of(solid, (0.1, 0.1, 0.1)), probe=0.2).value == 0
+    # A small ball leaves edges and corners.
+    row = trapped_volume(grid_of(solid, (0.1, 0.1, 0.1)), probe=0.2)
+    edges = (1 - math.pi / 4) * 0.1**2 * (4 * 1.1 + 4 * 0.6)
+    assert 0 < abs(row.value - edges - 4 * 0.1**3 * (1 - math.pi / 6)) < row.uncertainty
+    assert row.uncertainty < 0.02 * 8 * 8 * 12 * 1e-3
 
 
 def test_pores_beyond_the_bulk_are_outside():
@@ -610,7 +668,7 @@ def test_shares_of_thin_walls_and_narrow_gaps():
 def test_a_survey_says_which_way_to_build():
     how = Survey(smallest_wall=0.5, smallest_gap=0.1)
     found = survey(grid_of(stalactite()), how=how, only=["printability"])
-    assert any(note.startswith("best built along") and "−z" in note for note in found.notes)
+    assert any(note.startswith("built worse along +z by") for note in found.notes)
     assert any(note.startswith("walls thinner than 0.5 mm make up") for note in found.notes)
     assert {c.name for c in found.curves} == {
         "overhang_by_angle",
@@ -627,13 +685,56 @@ def test_a_probe_that_is_wider_than_the_body_gives_no_row():
     assert "drain_path_length" in wide.measures
 
 
+@pytest.mark.parametrize("edge", [1.0, 0.5])
+def test_a_probe_leaves_the_edges_of_a_cup(edge):
+    n = round(40 / edge)
+    x = (np.stack(np.indices((n, n, n)), -1) + 0.5) * edge
+    solid, room = (
+        np.all((x >= low) & (x < high), -1)
+        for low, high in (((8, 8, 8), (32, 32, 32)), ((12, 12, 12), (28, 28, 40)))
+    )
+    grid = grid_of(solid & ~room, (edge,) * 3)
+    for probe in (1, 2, 3, 4, 5, 8, 12, 15):
+        row, r = trapped_volume(grid, probe=probe), probe / 2
+        edges = (1 - math.pi / 4) * r**2 * (4 * (20 - r) + 4 * (16 - 2 * r))
+        exact = edges + 4 * (1 - math.pi / 6) * r**3
+        assert abs(row.value - exact) < 1.1 * row.uncertainty, probe
+        assert probe < 8 or row.value == pytest.approx(exact, rel=0.12)
+        assert row.uncertainty < 0.1 * 16 * 16 * 20
+
+
+def test_what_a_probe_leaves_is_what_it_does_not_reach():
+    grid = hollow(6)[0]
+    for probe in (0.3, 0.6, 0.7):
+        left = trapped_volume(grid, probe=probe)
+        open_part = accessible_porosity(grid, probe=probe)
+        whole = (~grid.solid).sum() * 1e-3
+        # But for what balls beyond the sides touch.
+        assert open_part.value * grid.frame.size * 1e-3 + left.value == pytest.approx(
+            whole, rel=0.05 if probe < 0.7 else 0.3
+        )
+        assert open_part.uncertainty > 0 < left.uncertainty
+
+
+def test_a_probe_that_needs_too_much_memory_gives_no_row_but_a_note():
+    grid = grid_of(stalactite(), (1.0, 1000.0, 1e-3))
+    found = survey(grid, how=Survey(probe=2000.0), only=["printability"])
+    assert "trapped_volume" not in found.measures
+    assert "drain_path_length" in found.measures
+    assert any(
+        note.startswith("what a probe of 2000 mm leaves is not told") for note in found.notes
+    )
+
+
 def test_bodies_without_end_stand_on_no_plate():
     grid = grid_of(stalactite(), periodic=(True, False, True))
     rows = survey(grid, only=["printability"]).measures
     directions = {name for name in rows.names if name.startswith("overhang_area")}
     assert directions == {"overhang_area_y_up", "overhang_area_y_down"}
     endless = grid_of(stalactite(), periodic=(True, True, True))
-    assert survey(endless, only=["printability"]).measures.names == ()
+    found = survey(endless, only=["printability"])
+    assert found.measures.names == ()
+    assert [note.partition(":")[0] for note in found.notes] == ["periodic along x, y and z"]
     assert trapped_volume(endless).value == math.inf
 
 
@@ -668,7 +769,7 @@ def test_work_is_told_and_may_be_cancelled():
     grid = grid_of(stalactite())
     survey(Sample(grid, how=Survey(probe=0.5), progress=tell), only=["printability"])
     names = {"printability", "overhangs", "islands", "cupped volume", "trapped volume"}
-    assert set(told) == {*names, "drain paths"}
+    assert set(told) == {*names, "drain paths", "local thickness"}
 
     def stop(*_):
         raise Enough

@@ -40,6 +40,11 @@ LOST = 2.0
 """What the plate and edges may cost, as a multiple of what half the resolution changes: an error in
 proportion to their size has 1, and it depends on how the body lies among the voxels."""
 
+SIDES = 6
+"""Of area that comes to light or goes with the resolution one part in so many may look down: it is
+that of walls and holes of few voxels, and what is left of one says nothing of where another looks.
+"""
+
 TIE = 1e-6
 """What a cosine has to be above the limit's by: faces that are just at it are not below."""
 
@@ -102,7 +107,7 @@ def overhangs(
         overhang_area_x_up, …, overhang_area_z_down, in ``unit`` squared, and
         overhang_share_x_up, …, part of the whole surface's area. None along periodic axes, nor
         where there is no surface. The uncertainty is twice the difference to half the resolution,
-        and what normals may be off about the angle.
+        a sixth of what the whole area differs by, and what normals may be off about the angle.
 
     Raises
     ------
@@ -136,10 +141,10 @@ def _rows(sample: Sample, fine: Inclined, coarse: Inclined | None) -> Iterator[M
         steps = [abs(fine.below(direction, a) - area) for a in _around(sample, angle)]
         doubt, share = math.inf, math.inf
         if coarse is not None and coarse.total:
-            there = coarse.below(direction, angle)
-            doubt = math.hypot(LOST * (area - there), max(steps))
+            there, lost = coarse.below(direction, angle), (fine.total - coarse.total) / SIDES
+            doubt = math.hypot(LOST * (area - there), lost, max(steps))
             part = area / fine.total - there / coarse.total
-            share = math.hypot(LOST * part, max(steps) / fine.total)
+            share = math.hypot(LOST * part, lost / fine.total, max(steps) / fine.total)
         name = direction.name
         yield Measure(f"overhang_area_{name}", area, f"{unit}²", METHOD, doubt, "standard", "grid")
         yield Measure(
@@ -221,25 +226,32 @@ def _ends(mask: NDArray[np.bool_], within: Ints) -> Ints:
 
 def surface_overhangs(surface: SurfaceMesh, angle: float, method: str, of: str) -> Measures:
     """Return the rows of a closed surface: of its triangles' own normals, so exactly its own."""
+    found, unit = surface_inclined(surface, angle), f"{surface.unit}²"
+    if not found.total:
+        return Measures()
+    rows = []
+    for direction in DIRECTIONS:
+        area, name = found.below(direction, angle), direction.name
+        part = area / found.total
+        rows += [
+            Measure(f"overhang_area_{name}", area, unit, method, 0.0, "exact", of),
+            Measure(f"overhang_share_{name}", part, "1", method, 0.0, "exact", of),
+        ]
+    return Measures(tuple(rows))
+
+
+def surface_inclined(surface: SurfaceMesh, angle: float) -> Inclined:
+    """Return areas by angle of a closed surface's triangles; the angle is one of the bounds."""
+    angles: Floats = np.union1d(np.arange(91.0), [angle])
     vectors = surface.area_vectors
     sizes = np.linalg.norm(vectors, axis=1)
-    total = float(sizes.sum())
-    if not total:
-        return Measures()
-    corners, limit = surface.corners, math.cos(math.radians(angle)) + ROUNDING
-    slack = ROUNDING * max(surface.box.lengths)
-    rows = []
+    corners, slack = surface.corners, ROUNDING * max(surface.box.lengths)
+    cosines = np.cos(np.radians(angles[::-1])) + ROUNDING
+    areas = []
     for direction in DIRECTIONS:
         sign = 1.0 if direction.up else -1.0
         heights = sign * corners[:, :, direction.axis]
-        on_plate = (heights <= heights.min() + slack).all(axis=1)
-        down = -sign * vectors[:, direction.axis] > limit * sizes
-        area = float(sizes[down & ~on_plate].sum())
-        unit = f"{surface.unit}²"
-        rows += [
-            Measure(f"overhang_area_{direction.name}", area, unit, method, 0.0, "exact", of),
-            Measure(
-                f"overhang_share_{direction.name}", area / total, "1", method, 0.0, "exact", of
-            ),
-        ]
-    return Measures(tuple(rows))
+        hangs = (sizes > 0) & ~(heights <= heights.min() + slack).all(axis=1)
+        down = -sign * vectors[hangs, direction.axis] / sizes[hangs]
+        areas.append(np.histogram(down, cosines, weights=sizes[hangs])[0][::-1])
+    return Inclined(angles, np.array(areas), float(sizes.sum()))

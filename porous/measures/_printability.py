@@ -11,7 +11,14 @@ from porous.errors import GridError, ModelError
 from porous.measures._build import Direction, angle_of, directions_of, row
 from porous.measures._drain_path import grid_drain
 from porous.measures._islands import grid_islands
-from porous.measures._overhangs import Inclined, grid_overhangs, surface_overhangs
+from porous.measures._overhangs import (
+    METHOD,
+    ROUNDING,
+    Inclined,
+    grid_overhangs,
+    surface_inclined,
+    surface_overhangs,
+)
 from porous.measures._sample import Family, Findings, Sample
 from porous.measures._thickness import METHOD as THICKNESS
 from porous.measures._thickness import local_thickness
@@ -26,11 +33,20 @@ if TYPE_CHECKING:
     from porous.measures._thickness import LocalThickness
     from porous.values import VoxelGrid
 
+ENDLESS = (
+    "periodic along x, y and z: a body without end stands on no plate, so nothing is told of "
+    "overhangs, islands and cups"
+)
+"""What is noted where no direction is left to build in."""
+
 MOST = 256**3
 """Voxels that are looked at, at most; of larger grids coarser ones are."""
 
 MOST_WAYS = 192**3
 """The same for the ways out of pores, which take longest."""
+
+EXACT = "exact boundary"
+"""How overhangs of a model are called that come of no voxels; they answer for it."""
 
 CELLS = 10_000
 """Cells of a model whose exact boundary is made, at most: it takes seconds."""
@@ -85,15 +101,18 @@ def _take(sample: Sample) -> Findings:
         return found
     angle_of(sample.how.overhang)
     directions = directions_of(within.frame)
+    if not directions:
+        found += Findings(notes=(ENDLESS,))
     overhang, inclined = grid_overhangs(within)
-    hanging, by_layer = grid_islands(within, directions)
-    rows, curves = overhang + hanging, (*_by_angle(inclined, within, directions), *by_layer)
+    hanging, curves = grid_islands(within, directions)
+    exact, by_angle = _exact(sample) or (Measures(), _by_angle(inclined, within, METHOD))
+    rows, curves = overhang + hanging + exact, (*by_angle, *curves)
     if sample.has("pore") and has_outside(within):
         ways, lengths = grid_drain(sample.within(MOST_WAYS))
         rows += grid_cupped(within, directions) + _trapped(within) + ways
         curves += lengths
     notes = (*_coarser(sample, within), *_best(rows, directions))
-    return found + Findings(rows + _exact(sample), curves, notes)
+    return found + Findings(rows, curves, notes)
 
 
 def _thin(sample: Sample) -> Findings:
@@ -125,28 +144,28 @@ def _trapped(sample: Sample) -> Measures:
     return Measures((grid_trapped(sample),))
 
 
-def _exact(sample: Sample) -> Measures:
+def _exact(sample: Sample) -> tuple[Measures, tuple[Curve, ...]] | None:
     """Return the overhangs of the model's own boundary, where there is one and it is soon made."""
     model = sample.model
     if not isinstance(model, HasBoundary) or any(sample.frame.periodic):
-        return Measures()
+        return None
     level, automaton = (getattr(model, name, None) for name in ("level", "automaton"))
     if isinstance(level, int) and automaton is not None and count_cells(automaton, level) > CELLS:
-        return Measures()
+        return None
     try:
         surface = model.boundary()
     except ModelError:
-        return Measures()
-    return surface_overhangs(surface, sample.how.overhang, "exact boundary", "model")
+        return None
+    angle = sample.how.overhang
+    rows = surface_overhangs(surface, angle, EXACT, "model")
+    return rows, tuple(_by_angle(surface_inclined(surface, angle), sample, EXACT))
 
 
-def _by_angle(
-    inclined: Inclined, sample: Sample, directions: tuple[Direction, ...]
-) -> Iterator[Curve]:
+def _by_angle(inclined: Inclined, sample: Sample, method: str) -> Iterator[Curve]:
     """Yield the area that hangs over at less than each angle, for each direction."""
     unit = f"{sample.frame.unit}²"
     angles = np.arange(91.0)
-    for direction in directions if inclined.total else ():
+    for direction in directions_of(sample.frame) if inclined.total else ():
         yield Curve(
             "overhang_by_angle",
             f"built along {direction.words}",
@@ -156,7 +175,7 @@ def _by_angle(
             "°",
             "area below it",
             unit,
-            "voxel normals",
+            method,
         )
 
 
@@ -176,8 +195,8 @@ def _voxels(sample: Sample) -> str:
 def _best(rows: Measures, directions: tuple[Direction, ...]) -> Iterator[str]:
     """Say which direction is the best to build in, and by what.
 
-    Of those left the least is looked for, quantity by quantity; what is no farther from the least
-    than either's uncertainty counts as equal to it.
+    Of those left the least is looked for, quantity by quantity, by the method that answers for it;
+    what is no farther from the least than either's uncertainty counts as equal to it.
     """
     left = list(directions)
     for name in RANKED:
@@ -190,18 +209,30 @@ def _best(rows: Measures, directions: tuple[Direction, ...]) -> Iterator[str]:
     rule = "the least unsupported volume, then overhang area, then cupped volume"
     if len(left) == len(directions):
         yield f"no direction to build in is better than another by {rule}, as far as they are known"
-        return
-    words = ", ".join(d.words for d in left)
-    told = "; ".join(
-        f"{name.replace('_', ' ')} {rows[key].value:.4g} {rows[key].unit}"
-        for name in RANKED
-        if (key := f"{name}_{left[0].name}") in rows
-    )
-    yield f"best built along {words}, of {len(directions)} directions, by {rule} ({told})"
+    elif len(left) == 1:
+        told = "; ".join(
+            f"{name.replace('_', ' ')} {rows[key].value:.4g} {rows[key].unit}"
+            for name in RANKED
+            if (key := f"{name}_{left[0].name}") in rows
+        )
+        yield (
+            f"best built along {left[0].words}, of {len(directions)} directions, by {rule} ({told})"
+        )
+    else:
+        worse = _words([d for d in directions if d not in left])
+        yield (
+            f"built worse along {worse} by {rule}; which of {_words(left)} is best is not "
+            "told apart"
+        )
+
+
+def _words(directions: list[Direction]) -> str:
+    *most, last = [d.words for d in directions]
+    return f"{', '.join(most)} and {last}" if most else last
 
 
 def _no_more(one: Measure, least: Measure) -> bool:
-    doubt = max(one.uncertainty, least.uncertainty)
+    doubt = max(one.uncertainty, least.uncertainty, ROUNDING * abs(least.value))
     return one is least or (math.isfinite(doubt) and one.value - least.value <= doubt)
 
 
