@@ -175,6 +175,16 @@ def test_unknown_methods_are_named():
         measures.porosity(random_grid((3, 4, 5), 0), method="guess")
 
 
+@pytest.mark.parametrize("value", [128, 255])
+def test_pores_that_nobody_saw_may_be_of_any_kind(value):
+    grid = VoxelGrid(Frame((0, 0, 0), (1, 1, 1), (10, 10, 10)), np.full((10,) * 3, value, np.uint8))
+    total = measures.porosity(grid, method="voxel count")
+    assert (total.value, total.uncertainty > 0) == (0, True)
+    taken = (measures.open_porosity, measures.closed_porosity, measures.through_porosity_x)
+    for row in (take(grid) for take in (*taken, measures.through_porosity_z)):
+        assert (row.value, row.uncertainty) == (0, total.uncertainty)
+
+
 # --- folds ---------------------------------------------------------------------------------
 
 

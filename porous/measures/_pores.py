@@ -36,8 +36,10 @@ def _part(census: Census, name: str, choice: Choice) -> Measure:
             for connectivity in (26, 6)
         )
     )
-    # What sampling may have missed is shared out among all pores by their volumes.
-    share = wide * amounts.count_share_doubt * bulk / max(bulk - amounts.solid_count, 1)
+    # What sampling may have missed is shared out among all pores by their volumes; where there are
+    # none it may be of any kind.
+    pores = bulk - amounts.solid_count
+    share = amounts.count_share_doubt * (wide * bulk / pores if pores else 1.0)
     return Measure(name, wide, "1", METHOD, abs(wide - narrow) + share, "standard", "grid")
 
 
@@ -70,8 +72,8 @@ def open_porosity(grid: Tiled) -> Measure:
     The outside is what lies beyond the frame, along axes that are not periodic, and void that is
     not of the bulk. Pores that wind around a periodic axis go on without end and count as open
     too. Pores are joined by faces, edges and corners of voxels (26-connected); the uncertainty
-    is the difference to joining by faces only and a fair share of the porosity's. Open and closed
-    porosity add up to the porosity by voxel count.
+    is the difference to joining by faces only and a fair share of the porosity's, all of it where
+    no pore is seen. Open and closed porosity add up to the porosity by voxel count.
     """
     return answer(GRID, "open_porosity", METHOD, Census(grid))
 

@@ -134,8 +134,12 @@ ORDER = (
     "voxel count",
     "voxel faces",
 )
-"""Which method answers for a measure that several took: the first that is there. Binary voxel faces
-come last, for on curved bodies they are half as much again."""
+"""Which method answers for a measure that several took: the first that is there. Binary voxel
+faces come last, for on curved bodies they are half as much again. Lattice lines are not there, and
+so come after them: of round bodies and of faces at an angle to the axes they are nearer than
+crofton, but of faces along the axes they do not doubt where between two voxels these lie (a cube
+of 9.3 voxels that fills 10: 12 % too much, said to be right within 4 %), and of walls two voxels
+thin they see a fifth too much. Crofton's doubts hold both."""
 
 
 def _rank(row: Measure) -> int:
