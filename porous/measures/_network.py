@@ -70,9 +70,9 @@ class PoreNetwork(Value):
     throat_diameters
         float64, shape (m,): of the largest ball that passes from the one to the other.
     periods
-        int32, shape (m, 3): how many periods along each axis the second pore's image is away, zero
-        where the throat stays within the grid. Where a pore ends in the grid and where in the next
-        period is told by the image whose centre lies in the grid.
+        int32, shape (m, 3): how many periods along each axis the image of the second pore is away
+        that the first one touches, of those images whose centres are ``centres`` both; zero where
+        the throat does not leave the grid.
 
     Raises
     ------
