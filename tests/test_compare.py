@@ -16,10 +16,10 @@ from porous.measures import Findings
 from porous.pipeline import Result
 from porous.recipe import load
 from porous.report import Material, compare_html
-from porous.report._compare import factor
+from porous.report._compare import _overlaid, factor
 from porous.values import Measures
 from porous.workspace import write_measures
-from porous.workspace._compare import LARGEST, _labels
+from porous.workspace._compare import LARGEST, _labels, _names
 
 A = Measures(
     (
@@ -142,6 +142,20 @@ def test_curves_lie_over_each_other_in_one_unit():
     assert lines["one: pore"]["x"] == lines["two: pore"]["x"] == [1.0, 2.0]
     assert lines["two: pore"]["y"] == [1.0, 2.0]
     assert figure["data"][-2]["y"] == [10.0, 20.0]
+
+
+@pytest.mark.parametrize(("ratio", "log"), [(20.0, ""), (1000.0, "x")])
+def test_sizes_far_apart_share_a_logarithmic_axis(ratio, log):
+    x = np.array([0.5, 1.0])
+    lines = [curve("size", "pore", x * by, x, y_unit="1") for by in (1.0, ratio)]
+    parts = [material(str(i), A, curves=(line,)) for i, line in enumerate(lines)]
+    assert {line.log for line in _overlaid(parts, [part.curves for part in parts])} == {log}
+
+
+def test_folders_of_one_name_are_told_by_the_one_above(tmp_path):
+    places = [tmp_path / "fine" / "out", tmp_path / "coarse" / "out", tmp_path / "b"]
+    assert _names(places) == ["fine/out", "coarse/out", "b"]
+    assert _names([places[0], places[0]]) == ["out", "out"]
 
 
 def test_hostile_text_is_shown_not_obeyed():

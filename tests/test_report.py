@@ -400,7 +400,7 @@ def test_doubts_name_contradictions_resolution_and_spread(body):
     assert said.first == (
         (
             "Porosity by voxel count of the grid is 0.47 ± 0.002 (95 %), which contradicts "
-            "0.4513032 by closed form of the model; 0.3 % of numbers that are right do so by chance."
+            "0.4513032 by closed form of the model; 0.3 % of right numbers do so by chance."
         ),
         "The smallest feature is 1.5 mm, 1.5 voxels across; below 3 voxels its shape is lost.",
         "Specific surface area is 2 ± 0.1 1/mm, by crofton: ± 5 %.",

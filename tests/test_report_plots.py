@@ -18,7 +18,7 @@ from porous.errors import FormatError
 from porous.report import curves_csv, measures_csv
 from porous.report._csv import read_curves
 from porous.report._page import embedded
-from porous.report._plots import DRAWN_POINTS, LISTED, plots, thinned
+from porous.report._plots import DRAWN_POINTS, LISTED, clipped, plots, thinned
 from porous.report._svg import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, drawing
 from porous.values import Measure, Measures
 
@@ -74,7 +74,7 @@ def test_what_is_embedded_is_what_was_measured():
     np.testing.assert_allclose(line["x"], X, rtol=1e-6)
     np.testing.assert_allclose(line["y"], BELL, rtol=1e-6)
     np.testing.assert_allclose(low["y"], 0.9 * BELL, rtol=1e-6)
-    np.testing.assert_allclose(high["y"], 1.1 * BELL, rtol=1e-6)
+    np.testing.assert_allclose(high["y"], np.minimum(1.1 * BELL, 1), rtol=1e-6)  # a share
     assert line["line"]["shape"] == low["line"]["shape"] == "hv"
     assert high["fill"] == "tonexty"
     assert figures[1]["layout"]["xaxis"]["type"] == figures[1]["layout"]["yaxis"]["type"] == "log"
@@ -235,3 +235,56 @@ def test_curves_come_back_from_csv_bit_by_bit():
 def test_damaged_curves_are_refused(change, said):
     with pytest.raises(FormatError, match=f"^out/curves.csv: .*{said}"):
         read_curves(change(curves_csv(CURVES[:1])), "out/curves.csv")
+
+
+# --- what is drawn, and how it is called ---------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "low", "high"),
+    [
+        ({"y_name": "part of the volume"}, 0.0, 1.0),
+        ({"y_name": "area", "y_unit": "1/mm"}, 0.0, 1.4),
+        ({"y_name": "slope"}, -0.5, 1.4),
+    ],
+)
+def test_bands_end_where_their_quantity_does(given, low, high):
+    y = np.array([0.5, 1.0])
+    one = clipped(curve("c", "s", np.array([1.0, 2.0]), y, low=y - 1, high=y + 0.4, **given))
+    assert (one.low.min(), one.high.max()) == (low, high)
+
+
+def test_bands_are_called_what_they_are():
+    x = np.array([1.0, 2.0])
+    lines = [curve(n, "s", x, x, low=x, high=x) for n in ("size", "representative_volume")]
+    size, boxes = plots([*lines])
+    assert size.band == "Bands are one standard uncertainty wide to either side."
+    assert "one standard deviation of boxes" in boxes.band
+    assert plots([curve("size", "s", x, x)])[0].band == ""
+
+
+def test_axes_of_what_is_never_negative_begin_at_nought():
+    x = np.array([0.0, 1.0])
+    (counts,) = plots([curve("islands", "s", x, 0 * x)])
+    assert counts.figure["layout"]["yaxis"]["rangemode"] == "nonnegative"
+    assert "−" not in counts.svg
+    (slopes,) = plots([curve("slopes", "s", x, -x)])
+    assert "rangemode" not in slopes.figure["layout"]["yaxis"]
+    assert "−" in slopes.svg
+
+
+def test_titles_and_axes_do_not_repeat_themselves():
+    x = np.array([0.0, 1.0])
+    given = {"y_name": "chord", "x_unit": "um"}
+    first, other = plots([curve("chord", "s", x, x, x_name=n, **given) for n in ("To x", "to y")])
+    assert (first.title, other.title) == ("Chord over to x", "Chord over to y")
+    assert first.head[1] == "to x / µm"
+    assert "to x / µm" in first.svg
+
+
+def test_legends_of_many_lines_stand_below_and_make_room():
+    x = np.array([0.0, 1.0])
+    (few,) = plots([curve("c", "s", x, x)])
+    (many,) = plots([curve("c", f"s{i}", x, x) for i in range(15)])
+    assert many.figure["layout"]["legend"]["yanchor"] == "top"
+    assert many.figure["layout"]["height"] >= few.figure["layout"]["height"] + 15 * 20

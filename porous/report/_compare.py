@@ -6,10 +6,12 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from porous.recipe import dump
 from porous.report._agreement import agree, compared
 from porous.report._definitions import OTHERS, definition, definitions
-from porous.report._digits import half_text, unit_of, value_text
+from porous.report._digits import half_text, unit_of, unit_text, value_text
 from porous.report._names import KEYS
 from porous.report._page import page
 from porous.report._plots import plots
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
 POWERS = {"": 1, "²": 2, "³": 3, "⁴": 4}
 LENGTH = re.compile(rf"(1/)?({'|'.join(sorted(METRES, key=len, reverse=True))})([²³⁴]?)")
+
+APART = 30.0
+"""Ratio of sizes from which on an axis is logarithmic."""
 
 PARTS = (
     ("key", "Key numbers"),
@@ -190,7 +195,7 @@ def _cell(row: Measure | None, first: Measure | None, unit: str, *, alone: bool)
     other = row.unit != unit
     mark = "" if first is None else "has another unit" if other else compared(first, row)
     return Cell(
-        value=value_text(row) + (f" {row.unit}" if other else ""),
+        value=value_text(row) + (f" {unit_text(row.unit)}" if other else ""),
         exactly=repr(row.value),
         half=half_text(row),
         method=row.method if alone else "",
@@ -256,9 +261,31 @@ def factor(unit: str, target: str) -> float | None:
 
 
 def _overlaid(materials: Sequence[Material], curves: Sequence[Sequence[Curve]]) -> list[Curve]:
-    """Return the curves of all materials, those of one plot together, each with its material."""
-    return [
+    """Return the curves of all materials, those of one plot together, each with its material.
+
+    Where sizes of materials lie too far apart to be seen on one axis it is logarithmic.
+    """
+    named = [
         replace(curve, series=f"{one.label}: {curve.series}")
         for one, part in zip(materials, curves, strict=True)
         for curve in part
     ]
+    wide = {letter: _far_apart(curves, letter) for letter in "xy"}
+    return [
+        replace(c, log="".join(s for s in "xy" if s in c.log or c.name in wide[s])) for c in named
+    ]
+
+
+def _far_apart(curves: Sequence[Sequence[Curve]], letter: str) -> set[str]:
+    """Return the plots whose lines end at sizes that differ by more than ``APART``."""
+    ends: dict[str, list[float]] = {}
+    for part in curves:
+        tops: dict[str, float] = {}
+        for curve in part:
+            values = getattr(curve, letter)
+            known = values[np.isfinite(values) & (values > 0)]
+            if LENGTH.fullmatch(getattr(curve, f"{letter}_unit")) and len(known):
+                tops[curve.name] = max(tops.get(curve.name, 0.0), float(known.max()))
+        for name, top in tops.items():
+            ends.setdefault(name, []).append(top)
+    return {name for name, tops in ends.items() if max(tops) > APART * min(tops)}

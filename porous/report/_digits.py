@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING
 
 from porous.values.measure import ONE_SIDED
@@ -18,6 +19,8 @@ FIGURES = 7
 
 LOOSE = 4
 """Figures of a number of which nobody knows how far off it is."""
+
+MICRO = re.compile(r"(?<![a-z])um(?![a-z])")
 
 NOISE = 1e-9
 """Below it a pure number, and how far off it may be, are put down to floating-point numbers."""
@@ -95,7 +98,12 @@ def width_text(value: float, half: float) -> str:
 
 def unit_of(measure: Measure) -> str:
     """Return what stands after a value: nothing for pure numbers."""
-    return "" if measure.unit == "1" else measure.unit.replace("um", "µm")
+    return "" if measure.unit == "1" else unit_text(measure.unit)
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as people write it."""
+    return MICRO.sub("µm", unit)
 
 
 def _is_below(value: float, half: float) -> bool:

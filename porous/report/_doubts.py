@@ -94,7 +94,7 @@ def _of_conflicts(result: Result) -> Iterator[str]:
         yield _sentence(
             f"{called(other.name)} by {other.method} of the {other.of} is {_shown(other)}, which "
             f"contradicts {_shown(best)} by {best.method} of the {best.of}"
-            f"{'; 0.3 % of numbers that are right do so by chance' if chance else ''}."
+            f"{'; 0.3 % of right numbers do so by chance' if chance else ''}."
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from porous.report._definitions import definition
 from porous.report._digits import number
-from porous.report._svg import COLOURS, DASHES, SYMBOLS, drawing
+from porous.report._svg import COLOURS, DASHES, LEGEND, SYMBOLS, axis, drawing
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -25,6 +25,17 @@ Cell = tuple[str, str]
 
 DRAWN_POINTS = 4000
 """Points of a line that are drawn; of longer ones every so many."""
+
+SPREAD = "The band is one standard deviation of boxes of that size to either side of their mean."
+SPREADS = {"representative_volume": SPREAD, "representative_surface": SPREAD}
+"""What bands are that are no uncertainty."""
+
+SHARE = re.compile(r"\b(?:share|part|porosity|probability|intruded pores)\b")
+SIZE = re.compile(r"%|(?:1/)?(?:nm|um|mm|cm|m|in)[²³]?")
+"""Names of what lies from nought to one, and units of what is never below nought."""
+
+FEW = 3
+"""Lines whose legend stands in one row above a plot; that of more stands below it."""
 
 LISTED = 200
 """Rows of the table beside a plot."""
@@ -55,6 +66,8 @@ class Plot:
         The numbers by series, as they are read and in full, and what was left out of them.
     methods
         How the lines were found.
+    band
+        What their bands are, in a sentence; nothing where they have none.
     """
 
     key: str
@@ -67,6 +80,7 @@ class Plot:
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
     remark: str
     methods: tuple[str, ...]
+    band: str
 
 
 def plots(curves: Iterable[Curve]) -> tuple[Plot, ...]:
@@ -84,31 +98,50 @@ def plots(curves: Iterable[Curve]) -> tuple[Plot, ...]:
 
 def _plot(lines: Sequence[Curve], place: int, *, alone: bool) -> Plot:
     first = lines[0]
-    shown = [thinned(line, DRAWN_POINTS) for line in lines]
+    shown = [clipped(thinned(line, DRAWN_POINTS)) for line in lines]
     rows, remark = _rows(lines)
-    title = first.name.replace("_", " ")
-    if not alone:  # others have its name, and other axes
-        title += f", {axis(first.y_name, first.y_unit)} over {axis(first.x_name, first.x_unit)}"
     known = definition(first.name)
     return Plot(
         key=f"plot-{place}-{re.sub('[^a-z0-9]+', '-', first.name.casefold()).strip('-')}",
-        title=title[:1].upper() + title[1:],
+        title=_title(first, alone=alone),
         words=_words(lines),
         definition=known.name if known else "",
         svg=drawing(shown),
-        figure={"data": _traces(shown), "layout": _layout(first)},
+        figure={"data": _traces(shown), "layout": _layout(shown)},
         head=("series", axis(first.x_name, first.x_unit), axis(first.y_name, first.y_unit))
         + (("from", "to") if any(line.low is not None for line in lines) else ()),
         rows=rows,
         remark=remark,
         methods=tuple(dict.fromkeys(line.method for line in lines)),
+        band=_band_words(lines),
     )
 
 
-def axis(name: str, unit: str) -> str:
-    """Return what stands beside an axis."""
-    said = name.replace("_", " ")
-    return said if unit in ("1", "") else f"{said} / {unit}"
+def _title(first: Curve, *, alone: bool) -> str:
+    """Return the title of a plot; where others have its name, and other axes, it tells them."""
+    title = first.name.replace("_", " ")
+    if not alone:
+        y = axis(first.y_name, "")
+        title += f"{'' if y == title else f', {y}'} over {axis(first.x_name, '')}"
+    return title[:1].upper() + title[1:]
+
+
+def clipped(curve: Curve) -> Curve:
+    """Return a curve whose band goes no further than its quantity can: to nought, or to one."""
+    if curve.low is None or curve.high is None or not (curve.y[np.isfinite(curve.y)] >= 0).all():
+        return curve
+    share = curve.y_unit == "1" and SHARE.search(curve.y_name.casefold())
+    if not share and not SIZE.fullmatch(curve.y_unit):
+        return curve
+    most = 1.0 if share and not (curve.y > 1).any() else math.inf
+    return replace(curve, low=curve.low.clip(0.0, most), high=curve.high.clip(0.0, most))
+
+
+def _band_words(lines: Sequence[Curve]) -> str:
+    """Say what the bands of a plot are, if it has any."""
+    if all(line.low is None for line in lines):
+        return ""
+    return SPREADS.get(lines[0].name, "Bands are one standard uncertainty wide to either side.")
 
 
 def thinned(curve: Curve, most: int) -> Curve:
@@ -218,27 +251,33 @@ def _band(line: Curve, place: int) -> list[dict[str, Any]]:
     return [{**same, "y": numbers(line.low)}, {**same, **fill, "y": numbers(line.high)}]
 
 
-def _layout(first: Curve) -> dict[str, Any]:
-    kinds = {name: "log" if name in first.log else "linear" for name in "xy"}
-    x, y = axis(first.x_name, first.x_unit), axis(first.y_name, first.y_unit)
+def _layout(lines: Sequence[Curve]) -> dict[str, Any]:
+    first = lines[0]
+    many = len(lines) > FEW
+    legend = {"traceorder": "normal", "orientation": "h", "x": 0}
+    legend |= {"y": -0.22, "yanchor": "top"} if many else {"y": 1.02, "yanchor": "bottom"}
+    ys = [band for line in lines for band in (line.y, line.low, line.high) if band is not None]
     return {
         "autosize": True,
-        "height": 340,
+        "height": 340 + (LEGEND * len(lines) if many else 0),
         "margin": {"l": 70, "r": 20, "t": 20, "b": 60},
         "font": {"family": 'system-ui, "DejaVu Sans", sans-serif', "size": 14, "color": "#1d1d1d"},
         "paper_bgcolor": "#fff",
         "plot_bgcolor": "#fff",
         "showlegend": True,
-        "legend": {
-            "traceorder": "normal",
-            "orientation": "h",
-            "y": 1.02,
-            "yanchor": "bottom",
-            "x": 0,
-        },
-        "xaxis": {"title": {"text": plain(x)}, "type": kinds["x"], **AXIS},
-        "yaxis": {"title": {"text": plain(y)}, "type": kinds["y"], **AXIS},
+        "legend": legend,
+        "xaxis": _axis(first, "x", [line.x for line in lines]),
+        "yaxis": _axis(first, "y", ys),
     }
+
+
+def _axis(first: Curve, letter: str, values: Sequence[Floats]) -> dict[str, Any]:
+    log = letter in first.log
+    text = axis(getattr(first, f"{letter}_name"), getattr(first, f"{letter}_unit"))
+    made: dict[str, Any] = {"title": {"text": plain(text)}, "type": "log" if log else "linear"}
+    if not log and not any((part < 0).any() for part in values):
+        made["rangemode"] = "nonnegative"
+    return {**made, **AXIS}
 
 
 def plain(text: str) -> str:

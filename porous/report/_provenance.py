@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from porous.recipe import dump, files
-from porous.report._digits import number
+from porous.report._digits import number, unit_text
 from porous.values import SurfaceMesh
 from porous.values.job import PROPERTIES
 
@@ -139,12 +139,12 @@ def _made(result: Result) -> Iterator[tuple[str, str]]:
 
 
 def _of_grid(grid: Tiled) -> Iterator[tuple[str, str]]:
-    frame = grid.frame
+    frame, unit = grid.frame, unit_text(grid.frame.unit)
     yield "voxels", f"{times(frame.shape)} = {number(frame.size)}, sampled as {grid.sampling}"
-    yield "voxel size", f"{times(frame.spacing)} {frame.unit}"
-    yield "frame", f"{times(frame.box.lengths)} {frame.unit}, {surroundings(frame)}"
+    yield "voxel size", f"{times(frame.spacing)} {unit}"
+    yield "frame", f"{times(frame.box.lengths)} {unit}, {surroundings(frame)}"
     if grid.hausdorff is not None:
-        yield "Hausdorff distance of voxels and set", f"≤ {grid.hausdorff:.4g} {frame.unit}"
+        yield "Hausdorff distance of voxels and set", f"≤ {grid.hausdorff:.4g} {unit}"
 
 
 def times(values: tuple[float, ...]) -> str:
@@ -173,7 +173,7 @@ def _of_volume(mesh: VolumeMesh) -> str:
     cells = ", ".join(f"{number(count)} {shape}" for shape, count in counts.items())
     cells += ", the model's own cells" if mesh.is_of_cells else ""
     volumes = mesh.volumes
-    least = f"; smallest volume {volumes.min():.3g} {mesh.unit}³" if len(volumes) else ""
+    least = f"; smallest volume {volumes.min():.3g} {unit_text(mesh.unit)}³" if len(volumes) else ""
     return f"{cells}, {number(len(mesh.points))} nodes{least}"
 
 

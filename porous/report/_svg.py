@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import escape
 from numpy.typing import NDArray
+
+from porous.report._digits import unit_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -28,6 +31,9 @@ LEFT, RIGHT, TOP, BOTTOM = 78, 14, 14, 52
 LEGEND = 20
 """Height of a line of the legend."""
 TICKS = 6
+
+CAPITAL = re.compile("[A-Z][a-z]")
+"""How a name begins that is no sign."""
 
 
 @dataclass(frozen=True)
@@ -93,12 +99,12 @@ def _scale(values: Sequence[Floats], begin: float, end: float, *, log: bool) -> 
     flat = flat[np.isfinite(flat) & ((flat > 0) | (not log))]
     flat = np.log10(flat) if log else flat.clip(-1e300, 1e300)
     low, high = (float(flat.min()), float(flat.max())) if len(flat) else (0.0, 1.0)
-    least = max(abs(low), abs(high), 1.0 if log else 1e-300) * 1e-9
-    if high - low <= least:
+    if high - low <= max(abs(low), abs(high), 1.0 if log else 1e-300) * 1e-9:
         pad = 0.5 if log or not low else abs(low) / 2
-        return Scale(low - pad, high + pad, begin, end, log)
-    pad = (high - low) * 0.03
-    return Scale(low - pad, high + pad, begin, end, log)
+    else:
+        pad = (high - low) * 0.03
+    least = low - pad if log or low < 0 else max(low - pad, 0.0)
+    return Scale(least, high + pad, begin, end, log)
 
 
 def _step(raw: float) -> float:
@@ -116,17 +122,20 @@ def _axes(across: Scale, up: Scale, first: Curve) -> Iterator[str]:
         yield f'<path d="M{LEFT} {place:.1f}H{right}" stroke="#ddd"/>'
         yield f'<text x="{LEFT - 6}" y="{place + 5:.1f}" text-anchor="end">{text}</text>'
     yield f'<path d="M{LEFT} {TOP}H{right}V{bottom}H{LEFT}Z" fill="none" stroke="#444"/>'
-    names = [_named(first.x_name, first.x_unit), _named(first.y_name, first.y_unit)]
+    names = [axis(first.x_name, first.x_unit), axis(first.y_name, first.y_unit)]
     middle = (LEFT + right) / 2
-    yield f'<text x="{middle}" y="{bottom + 42}" text-anchor="middle">{names[0]}</text>'
+    yield f'<text x="{middle}" y="{bottom + 42}" text-anchor="middle">{escape(names[0])}</text>'
     middle = (TOP + bottom) / 2
     turned = f"translate(16 {middle}) rotate(-90)"
-    yield f'<text transform="{turned}" text-anchor="middle">{names[1]}</text>'
+    yield f'<text transform="{turned}" text-anchor="middle">{escape(names[1])}</text>'
 
 
-def _named(name: str, unit: str) -> str:
+def axis(name: str, unit: str) -> str:
+    """Return what stands beside an axis."""
     said = name.replace("_", " ")
-    return str(escape(said if unit in ("1", "") else f"{said} / {unit}"))
+    if CAPITAL.match(said):
+        said = said[0].lower() + said[1:]
+    return said if unit in ("1", "") else f"{said} / {unit_text(unit)}"
 
 
 def _curve(line: Curve, across: Scale, up: Scale, place: int) -> Iterator[str]:

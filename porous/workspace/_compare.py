@@ -51,9 +51,25 @@ def compare(materials: Sequence[str | Path | Result], out: str | Path) -> None:
     """
     if len(materials) < 2:
         raise RecipeError(f"compare: got {len(materials)} material; wanted two or more")
-    labels = _labels([_name(one) for one in materials])
+    labels = _labels(_names(materials))
     found = [_material(one, label) for one, label in zip(materials, labels, strict=True)]
     disk.write_bytes(out, compare_html(found).encode("utf-8"))
+
+
+def _names(materials: Sequence[str | Path | Result]) -> list[str]:
+    """Return what materials are called; other folders of one name are told by the one above."""
+    places: dict[str, set[Path]] = {}
+    for one in materials:
+        if not isinstance(one, Result):
+            places.setdefault(_name(one), set()).add(Path(one).absolute())
+    return [
+        _name(one) if isinstance(one, Result) or len(places[_name(one)]) == 1 else _above(Path(one))
+        for one in materials
+    ]
+
+
+def _above(path: Path) -> str:
+    return "/".join(path.absolute().parts[-2:]).lstrip("/")
 
 
 def _name(one: str | Path | Result) -> str:
