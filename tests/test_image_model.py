@@ -314,6 +314,27 @@ def test_what_a_reader_says_is_in_the_notes(tmp_path, recwarn):
     assert not recwarn.list
 
 
+@pytest.mark.parametrize("name", ["scan.nrrd", "scan.mha"])
+def test_headers_without_a_voxel_size_are_taken_as_1_and_the_recipe_says_otherwise(
+    tmp_path, name, recwarn
+):
+    nrrd = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: {}\nencoding: raw\n\n"
+    mha = "ObjectType = Image\nNDims = 3\nDimSize = {}\nElementType = MET_UCHAR\n"
+    head = nrrd if name.endswith("nrrd") else f"{mha}ElementDataFile = LOCAL\n"
+    values = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+    data = head.format("2 3 4").encode() + values.transpose(2, 1, 0).tobytes()
+    (tmp_path / name).write_bytes(data)
+    told = {"format": 1, "model": {"kind": "image", "path": name, "threshold": 9.0}}
+    bare = build(parse(told, folder=tmp_path))
+    assert (bare.spacing, bare.lower, bare.unit) == ((1, 1, 1), (0, 0, 0), "mm")
+    assert bare.notes[0] == f"{name}: it says no voxel size; taken as 1 mm along x, y and z"
+    told["model"]["spacing"] = 2.0
+    sized = build(parse(told, folder=tmp_path))
+    assert sized.spacing == (2, 2, 2)
+    assert not any("no voxel size" in note for note in sized.notes)
+    assert not recwarn.list
+
+
 def test_voxels_are_the_images_own_unless_asked(tmp_path):
     written(tmp_path)
     own = recipe(tmp_path)

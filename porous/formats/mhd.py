@@ -130,7 +130,7 @@ def _read(source: Source) -> tuple[Image, images.Mark | None]:
     # The number of axes is looked at first: it says how many words the other fields have.
     sizes = [integer(word, "DimSize") for word in fields["dimsize"].split()[: AXES + 1]]
     shape = images.shape_of(sizes, "DimSize")
-    spacing, flips = _spacing(fields)
+    spacing, flips = _spacing(fields, source)
     entries = images.entries_of(fields.get("porous"))
     bulked = entries is not None and entries.get("bulk") is not None
     values, bulk = _voxels(source, fields, rest, shape, bulked=bulked)
@@ -234,10 +234,13 @@ def _beside(source: Source, name: str, shape: Shape) -> NDArray[np.uint8]:
     return _in_order(source.beside(name, "the bulk"), np.dtype("u1"), shape)
 
 
-def _spacing(fields: dict[str, str]) -> tuple[images.Vector, tuple[bool, ...]]:
+def _spacing(fields: dict[str, str], source: Source) -> tuple[images.Vector, tuple[bool, ...]]:
+    """Return spacing and which axes run backwards; 1, with a note, where the file says nothing."""
     text = fields.get("elementspacing", fields.get("elementsize"))
     if text is None:
-        refuse("fields of the header", ", ".join(fields), "ElementSpacing as well")
+        unit = images.unit_of(fields["distanceunits"], "DistanceUnits")
+        source.note(f"it says no voxel size; taken as 1 {unit} along x, y and z")
+        text = "1 1 1"
     x, y, z = _floats(text, AXES, "ElementSpacing")
     if not min(x, y, z) > 0:
         refuse("ElementSpacing", text, "three positive lengths")

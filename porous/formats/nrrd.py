@@ -60,7 +60,6 @@ ORDERS = {"little": "<", "big": ">"}
 DETACHED = ("data file", "datafile")
 MAGIC = re.compile(rb"NRRD000[1-5]|NRRD00\.01")
 VECTOR = re.compile(r"\(([^()]*)\)|none", re.IGNORECASE)
-SPACINGS = ("space directions", "spacings")
 SPACES = 3
 """Of how many dimensions the space is that directions live in."""
 
@@ -140,7 +139,7 @@ def _read(source: Source) -> tuple[Image, images.Mark | None]:
     if dimension != SPACES or len(sizes) != SPACES:
         refuse("dimension and sizes", f"{dimension} and {fields.get('sizes')}", "three axes")
     shape = images.shape_of(sizes, "sizes")
-    spacing, flips = _spacing(fields)
+    spacing, flips = _spacing(fields, source)
     entries = images.entries_of(keys.get("porous"))
     bulked = entries is not None and entries.get("bulk") is not None
     values, bulk = _voxels(fields, data, shape, bulked=bulked)
@@ -268,11 +267,13 @@ def _in_order(flat: NDArray[Any], shape: tuple[int, int, int]) -> NDArray[Any]:
     return flat.reshape(shape[::-1]).transpose(2, 1, 0)
 
 
-def _spacing(fields: dict[str, str]) -> tuple[images.Vector, tuple[bool, ...]]:
+def _spacing(fields: dict[str, str], source: Source) -> tuple[images.Vector, tuple[bool, ...]]:
+    """Return spacing and which axes run backwards; 1, with a note, where the file says nothing."""
     if "space directions" in fields:
         return images.axes_of(_vectors(fields, "space directions", SPACES), "space directions")
     if "spacings" not in fields:
-        refuse("fields of the header", ", ".join(fields), " or ".join(SPACINGS))
+        source.note(f"it says no voxel size; taken as 1 {_unit(fields)} along x, y and z")
+        return (1.0, 1.0, 1.0), (False, False, False)
     x, y, z = _floats(fields["spacings"], "spacings")
     return (x, y, z), (False, False, False)
 
