@@ -40,8 +40,9 @@ NORMAL = 1.96
 """So many standard uncertainties either way hold 95 % of all draws, if there are many of them."""
 
 
-OCTAVE = math.log(2)
-"""Local slopes are told of sizes so far apart at least: closer ones show the lattice's jumps."""
+OCTAVE = math.log(1.9)
+"""Local slopes are told of sizes a factor of two apart, about (edges go into whole numbers of
+parts): closer ones show the lattice's jumps."""
 
 
 class BoxCounts(NamedTuple):
@@ -248,34 +249,30 @@ def line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
     this is more: points off a line all alike, as those of a bend, are no independent errors.
     """
     slope, error = _least_squares(x, y)
-    steps = [(d - b) / (c - a) for (a, b), (c, d) in pairwise(zip(x, y, strict=True))]
-    mean = math.fsum(steps) / len(steps)
-    local = math.sqrt(math.fsum((s - mean) ** 2 for s in steps) / (len(steps) - 1))
-    return slope, max(error, local)
+    return slope, max(error, _spread(list(pairwise(zip(x, y, strict=True)))))
 
 
 def scaling(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    """Return the slope of counts over logarithms of sizes, and an uncertainty as ``line`` has it.
+    """Return the slope of counts over logarithms of sizes, and its uncertainty.
 
-    Local slopes are those to the first size ``OCTAVE`` away, each with the weight of its length;
-    widened by Student's factor.
+    The root of the squared standard error and the variance of local slopes, those to the first size
+    ``OCTAVE`` away: what scatters about the line and what bends it. Widened by Student's factor.
     """
     slope, error = _least_squares(x, y)
     points = list(zip(x, y, strict=True))
-    further = [next((q for q in points[i:] if _are_apart(p, q)), p) for i, p in enumerate(points)]
+    further = [
+        next((q for q in points[i:] if abs(q[0] - p[0]) >= OCTAVE), p) for i, p in enumerate(points)
+    ]
     pairs = [(p, q) for p, q in zip(points, further, strict=True) if p != q]
     pairs = pairs if len(pairs) > 1 else list(pairwise(points))
-    lengths = [abs(q[0] - p[0]) for p, q in pairs]
-    steps = [(q[1] - p[1]) / (q[0] - p[0]) for p, q in pairs]
-    both = list(zip(steps, lengths, strict=True))
-    mean = math.fsum(s * length for s, length in both) / math.fsum(lengths)
-    squares = math.fsum((s - mean) ** 2 * length for s, length in both) / math.fsum(lengths)
-    local = math.sqrt(squares * len(steps) / (len(steps) - 1))
-    return slope, max(error, local) * student(len(x) - 2)
+    return slope, math.hypot(error, _spread(pairs)) * student(len(x) - 2)
 
 
-def _are_apart(p: tuple[float, float], q: tuple[float, float]) -> bool:
-    return abs(q[0] - p[0]) >= OCTAVE * (1 - 1e-9)
+def _spread(pairs: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> float:
+    """Return the standard deviation of the slopes between pairs of points."""
+    steps = [(d - b) / (c - a) for (a, b), (c, d) in pairs]
+    mean = math.fsum(steps) / len(steps)
+    return math.sqrt(math.fsum((s - mean) ** 2 for s in steps) / (len(steps) - 1))
 
 
 def _least_squares(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
@@ -331,12 +328,12 @@ def box_dimension(grid: Tiled, *, base: int | None = None) -> Measure:
     Returns
     -------
     Measure
-        The uncertainty is the slope's standard error, or the standard deviation of the slopes
-        between sizes a factor of two apart or the next further where that is more, times
-        Student's factor for so few sizes: 1.96 of it either way are a 95 % interval, as far as it
-        lies between 0 and 3. A block, a plate or a rod along the axes has 3, 2 or 1 exactly. Boxes
-        finer than the smallest detail of a prefractal see a body of dimension 3, which widens the
-        uncertainty; what was sampled is not asked.
+        The uncertainty joins the slope's standard error and the standard deviation of the slopes
+        between sizes a factor of two apart, or the next further, and is widened by Student's factor
+        for so few sizes: 1.96 of it either way are a 95 % interval, as far as it lies between 0 and
+        3. A block, a plate or a rod along the axes has 3, 2 or 1 exactly. Boxes finer than the
+        smallest detail of a prefractal see a body of dimension 3, which widens the uncertainty;
+        what was sampled is not asked.
 
     Raises
     ------

@@ -52,6 +52,9 @@ STEP = 1.5
 PART = 10
 """``lacunarity`` is told of boxes of this part of the grid's shortest edge, one voxel at least."""
 
+FEW = 1 << 20
+"""Sums below this are tallied in a table; there may be many of them."""
+
 BYTES = 40.0
 """Memory per voxel that sums over corners take, along periodic axes too."""
 
@@ -307,7 +310,10 @@ def generalised_dimensions(grid: VoxelGrid, *, base: int | None = None) -> Spect
     GridError
         Where nothing is solid, or the grid has fewer than three sizes of boxes.
     """
-    counts = box_counts(grid, base=base)
+    return _spectrum(grid, box_counts(grid, base=base), base)
+
+
+def _spectrum(grid: VoxelGrid, counts: BoxCounts, base: int | None = None) -> Spectrum:
     window = fitted(counts).window
     boxes = lattices(grid.frame.shape, base)[:window]
     check_memory(8 * grid.frame.size, "masses of boxes", "Choose fewer voxels.")
@@ -333,7 +339,16 @@ def _masses(fill: NDArray[np.uint8], boxes: tuple[Lattice, ...]) -> Iterator[tup
     shape = (fill.shape[0], fill.shape[1], fill.shape[2])
     for lattice in boxes[1:]:
         sums = box_sums(fill, (0, 0, 0), shape, lattice.parts)
-        yield np.unique(sums[sums > 0], return_counts=True)
+        yield _tallied(sums)
+
+
+def _tallied(sums: Ints) -> tuple[Ints, Ints]:
+    """Return the sums above zero that there are, and how many there are of each."""
+    if sums.max() >= FEW:
+        return np.unique(sums[sums > 0], return_counts=True)
+    held = np.bincount(sums.ravel())
+    there = np.flatnonzero(held[1:]) + 1
+    return there, held[there]
 
 
 def _by_plane(fill: NDArray[np.uint8]) -> Ints:
@@ -399,7 +414,7 @@ def _of_boxes(sample: Sample) -> Findings:
     counts = box_counts(sample.grid)
     if len(counts.sizes) < POINTS or not counts.counts[0]:
         return Findings()
-    spectrum = generalised_dimensions(sample.grid)
+    spectrum = _spectrum(sample.grid, counts)
     rows = [
         _dimension(name, spectrum, order)
         for name, order in (("information_dimension", 1), ("correlation_dimension", 2))
