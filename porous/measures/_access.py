@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 MOST = 256**3
 """Voxels of a survey at most."""
 
+MOST_SWEPT = 256**3
+"""The same for what a probe sweeps."""
+
 TENSION, ANGLE = 0.480, 140.0
 """Of mercury: surface tension in N/m and contact angle in degrees."""
 
@@ -95,9 +98,9 @@ def take(sample: Sample) -> Findings:
     if fine.mercury is None:
         notes.append(NOWHERE)
     else:
-        if seen.how.probe is not None:
-            other = None if coarse is None else coarse.mercury
-            rows.append(accessible(fine.mercury, other, seen.how.probe))
+        swept = seen.within(MOST_SWEPT)
+        if seen.how.probe is not None and swept.has_both:
+            rows.append(accessible(swept, seen.how.probe))
         rows += _intrusion_rows(seen, fine, coarse, through)
         curves = tuple(_curves(seen, fine, coarse))
     if seen is not sample:

@@ -11,6 +11,7 @@ import numpy as np
 from porous.errors import GridError
 from porous.measures._sample import Sample
 from porous.measures._thickness import within_bulk
+from porous.measures._trapped import missed_by
 from porous.memory import check_memory
 from porous.values import Measure, Measures
 from porous.values.value import Value, adopted, frozen
@@ -138,12 +139,17 @@ def mercury_intrusion(grid: VoxelGrid, *, progress: Progress | None = None) -> M
 
 def _mercury(sample: Sample) -> MercuryIntrusion:
     ways = ways_of(sample)
+    check_outside(sample)
+    return intrusion(sample, ways)
+
+
+def check_outside(sample: Sample) -> None:
+    """Raise ``GridError`` where balls come from nowhere."""
     if not has_outside(sample):
         raise GridError(
             "access: the grid is periodic along all axes, so that nothing comes from outside; "
             "wanted an axis that is not, or pores beyond the bulk"
         )
-    return intrusion(sample, ways)
 
 
 def accessible_porosity(grid: VoxelGrid, *, probe: float) -> Measure:
@@ -151,7 +157,8 @@ def accessible_porosity(grid: VoxelGrid, *, probe: float) -> Measure:
 
     Its centre comes from a side that is not periodic, or from void that is not of the bulk; see
     ``mercury_intrusion``. What it sweeps is the union of balls of this diameter and of larger ones
-    that come as far, which hold it.
+    that come as far, which hold it; with centres beyond the sides too it is ``trapped_volume`` that
+    is left.
 
     Parameters
     ----------
@@ -163,8 +170,8 @@ def accessible_porosity(grid: VoxelGrid, *, probe: float) -> Measure:
     Returns
     -------
     Measure
-        The uncertainty holds what it would be for balls by a voxel smaller and larger (half of
-        that), and the difference to voxels twice as large; infinite where there are none.
+        The uncertainty holds what it would be for balls by a voxel smaller and larger, and the
+        difference to voxels twice as large; infinite where there are none.
 
     Raises
     ------
@@ -173,23 +180,22 @@ def accessible_porosity(grid: VoxelGrid, *, probe: float) -> Measure:
     MemoryLimitError
         Where there is too little memory.
     """
+    sample = Sample(grid)
+    _squares(sample)
+    check_outside(sample)
+    return accessible(sample, probe)
+
+
+def accessible(sample: Sample, probe: float) -> Measure:
+    """Return the accessible porosity of a sample with both phases and an outside."""
     if not (math.isfinite(probe) and probe > 0):
         raise GridError(f"probe: got {probe}; wanted a diameter above 0")
-    sample = Sample(grid)
-    coarse = sample.coarse
-    both = coarse is not None and coarse.has_both
-    return accessible(_mercury(sample), _mercury(coarse) if coarse and both else None, probe)
-
-
-def accessible(fine: MercuryIntrusion, coarse: MercuryIntrusion | None, probe: float) -> Measure:
-    """Return the accessible porosity, from what is reached, and what is at half the resolution."""
-    value = fine.porosity * fine.share(probe)
-    narrow, wide = fine.share(probe + fine.doubt), fine.share(max(probe - fine.doubt, 0.0))
-    doubt = 0.5 * fine.porosity * (wide - narrow)
-    other = math.inf if coarse is None else coarse.porosity * coarse.share(probe) - value
-    return Measure(
-        "accessible_porosity", value, "1", BALLS, math.hypot(doubt, other), "standard", "grid"
-    )
+    pores = int(np.count_nonzero(sample.voxels("pore").counted))
+    bulk = sample.voxels("pore").bulk_count
+    missed = missed_by(sample, probe, around=False)
+    whole = bulk * sample.frame.voxel_volume
+    value, doubt = max(pores / bulk - missed.value / whole, 0.0), missed.doubt / whole
+    return Measure("accessible_porosity", value, "1", BALLS, doubt, "standard", "grid")
 
 
 def percolation_diameters(grid: VoxelGrid) -> Measures:

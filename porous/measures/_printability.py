@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.errors import GridError, ModelError
+from porous.errors import GridError, MemoryLimitError, ModelError
 from porous.measures._build import Direction, angle_of, directions_of, row
 from porous.measures._drain_path import grid_drain
 from porous.measures._islands import grid_islands
@@ -107,11 +107,13 @@ def _take(sample: Sample) -> Findings:
     hanging, curves = grid_islands(within, directions)
     exact, by_angle = _exact(sample) or (Measures(), _by_angle(inclined, within, METHOD))
     rows, curves = overhang + hanging + exact, (*by_angle, *curves)
+    left: tuple[str, ...] = ()
     if sample.has("pore") and has_outside(within):
+        trapped, left = _left(within)
         ways, lengths = grid_drain(sample.within(MOST_WAYS))
-        rows += grid_cupped(within, directions) + _trapped(within) + ways
+        rows += grid_cupped(within, directions) + trapped + ways
         curves += lengths
-    notes = (*_coarser(sample, within), *_best(rows, directions))
+    notes = (*_coarser(sample, within), *left, *_best(rows, directions))
     return found + Findings(rows, curves, notes)
 
 
@@ -128,6 +130,15 @@ def _thin(sample: Sample) -> Findings:
         verdict = f"{words} than {limit:g} {unit} make up {100 * share.value:.3g} % of the {whole}"
         found += Findings(Measures((share,)), (), (verdict + least,))
     return found
+
+
+def _left(sample: Sample) -> tuple[Measures, tuple[str, ...]]:
+    """Return what is trapped, or why that is not told."""
+    try:
+        return _trapped(sample), ()
+    except MemoryLimitError as error:
+        probe = f"{sample.how.probe:g} {sample.frame.unit}"
+        return Measures(), (f"what a probe of {probe} leaves is not told: {error}",)
 
 
 def _trapped(sample: Sample) -> Measures:

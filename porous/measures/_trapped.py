@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.kernels.diameters import Widths
+    from porous.kernels.distance import Squares
     from porous.measures._sample import Progress
     from porous.values import Frame, VoxelGrid
 
@@ -28,7 +30,10 @@ FLOOD, PROBE = "voxel flood", "probe flood"
 CUPS = 8.0
 """Bytes per voxel that layers in their order and runs of void take."""
 
-EACH = 24.0
+CORNER = 1 + math.sqrt(0.5)
+"""Radius, in voxels, of the least ball that misses the centre of a voxel in a corner."""
+
+EACH = 28.0
 """Bytes per voxel that a probe's flood takes, of the grid and a margin as wide as the probe."""
 
 
@@ -40,9 +45,11 @@ def trapped_volume(
     Without a probe that is the closed pores: joined, by faces, edges and corners of voxels, with no
     outside. With one it is all that a ball of that diameter which comes from outside cannot touch,
     behind openings that are too narrow as well as in corners that are too tight. A ball goes where
-    its centre goes, from voxel to voxel that is as far from the nearest solid voxel as half the
-    diameter, or farther; and where a larger one has room it touches what that one does. It reaches
-    in from beyond the sides too, with its centre outside of the grid.
+    its centre goes, from voxel to voxel where pores are as wide between walls as its diameter, or
+    wider; and where a larger one has room it touches what that one does. It reaches in from beyond
+    the sides too, with its centre outside of the grid. What is missed is the mean of what balls do
+    that end at walls about all of these voxels, and about those alone where they are as large as
+    the probe.
 
     Parameters
     ----------
@@ -58,8 +65,8 @@ def trapped_volume(
     -------
     Measure
         ``trapped_volume``, in the grid's unit cubed. The uncertainty is the difference to half the
-        resolution, and without a probe that to pores joined by faces alone. Infinite where there is
-        no outside.
+        resolution, and the larger of those to probes by a voxel smaller and larger, or without a
+        probe that to pores joined by faces alone. Infinite where there is no outside.
 
     Raises
     ------
@@ -166,13 +173,8 @@ def grid_trapped(sample: Sample) -> Measure:
     longest = max(sample.frame.box.lengths)
     if probe > longest:
         raise GridError(f"probe: got {probe}; wanted a diameter up to {longest:.6g}, the grid's")
-    volume = _missed(sample, probe, told=True)
-    doubt = math.inf
-    if sample.coarse is not None:
-        edge = max(sample.frame.spacing)
-        less, here, more = (_missed(sample.coarse, probe + a) for a in (-edge, 0.0, edge))
-        doubt = math.hypot(volume - here, max(here - less, more - here))
-    return row("trapped_volume", volume, unit, PROBE, doubt)
+    missed = missed_by(sample, probe)
+    return row("trapped_volume", missed.value, unit, PROBE, missed.doubt)
 
 
 def _closed(sample: Sample) -> tuple[float, float]:
@@ -185,36 +187,146 @@ def _closed(sample: Sample) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def _missed(sample: Sample, probe: float, *, told: bool = False) -> float:
-    """Return the volume of the pores that no ball of a diameter touches that comes from outside."""
-    from porous.kernels.distance import squared_distances
-    from porous.kernels.reached import held_by_balls
+class Missed(NamedTuple):
+    """What balls of a diameter do not touch, in the frame's unit cubed, and its doubt."""
 
-    grid, frame = sample.grid, sample.frame
-    margins = _margins(frame, probe)
-    size = " × ".join(map(str, frame.shape))
-    what = f"a flood of {size} voxels, and around them as far as a probe reaches,"
-    check_memory(flooded(frame, probe) * EACH, what, "Use a smaller probe, or fewer voxels.")
-    void = np.pad(~grid.solid, margins, constant_values=True)
+    value: float
+    doubt: float
 
-    def tell(done: float) -> None:
-        if told:
-            sample.tell("trapped volume", done)
 
-    tell(0.1)
-    squares = squared_distances(void, frame.spacing, periodic=frame.periodic)
-    tell(0.3)
-    # Where there is room for larger balls they are taken: all that they touch is touched.
-    fits = squares.values >= (probe / 2 / squares.step) ** 2 * (1 - 1e-9)
-    balls = squares.values.astype(np.float32)
-    balls[~_from_outside(fits & void, grid, margins)] = 0
-    tell(0.6)
-    touched = held_by_balls(balls, squares.weights, periodic=frame.periodic)
-    inner = tuple(slice(a, a + n) for n, (a, _) in zip(frame.shape, margins, strict=True))
-    missed = ~touched[inner] & ~grid.solid
-    if grid.bulk is not None:
-        missed &= grid.bulk >= 128
-    return float(np.count_nonzero(missed)) * frame.voxel_volume
+def missed_by(sample: Sample, probe: float, *, around: bool = True) -> Missed:
+    """Return the volume of the pores that no ball touches that comes from outside.
+
+    Parameters
+    ----------
+    sample
+        The body, with an outside.
+    probe
+        The ball's diameter.
+    around
+        Whether it touches the grid with its centre beyond the grid's sides, or the bulk, too.
+
+    Returns
+    -------
+    Missed
+        Its doubt is the larger difference to balls by a voxel smaller and larger, and that to half
+        the resolution; infinite where there is none. Of balls that are so small that they touch the
+        centres of all voxels, it is what they leave along edges between walls.
+    """
+    if not sample.has_both:
+        return Missed(0.0, 0.0)
+    flood, edge = _Flood(sample, probe, around=around), max(sample.frame.spacing)
+    sample.tell("trapped volume", 0.3)
+    value = 0.5 * sum(flood.missed(probe))
+    sample.tell("trapped volume", 0.6)
+    least = flood.missed(probe - edge)[0] if probe > edge else 0.0
+    most = flood.missed(probe + edge)[1]
+    sample.tell("trapped volume", 1.0)
+    other, coarse = math.inf, sample.coarse
+    if coarse is not None and coarse.has_both:
+        other = 0.5 * sum(_Flood(coarse, probe, around=around).missed(probe))
+    doubt = max(value - least, most - value, flood.edges(probe))
+    return Missed(value, math.hypot(doubt, other - value))
+
+
+class _Flood:
+    """Balls in the pores of a grid and around it as far as they reach in.
+
+    A ball about a voxel's centre ends at that of the nearest voxel of solid, half a voxel beyond
+    the wall where that is flat and faces it along an axis: where the distance falls by a whole
+    voxel to the next one. There ``inner``, the square of what is free, is so much less.
+    """
+
+    def __init__(self, sample: Sample, probe: float, *, around: bool) -> None:
+        from porous.kernels.distance import squared_distances
+
+        self.sample, grid, frame = sample, sample.grid, sample.frame
+        edge = max(frame.spacing)
+        self.margins = _margins(frame, probe + edge) if around else [(0, 0)] * 3
+        size = " × ".join(map(str, frame.shape))
+        count = math.prod(n + a + b for n, (a, b) in zip(frame.shape, self.margins, strict=True))
+        what = f"a flood of {size} voxels, and around them as far as a probe reaches,"
+        check_memory(count * EACH, what, "Use a smaller probe, or fewer voxels.")
+        self.around, self.void = around, np.pad(~grid.solid, self.margins, constant_values=True)
+        sample.tell("trapped volume", 0.1)
+        self.squares = squared_distances(self.void, frame.spacing, periodic=frame.periodic)
+        self.inner = _free(self.squares, frame)
+
+    def missed(self, probe: float) -> tuple[float, float]:
+        """Return the volume that no ball touches, of those that pass, and that fit about voxels.
+
+        Centres pass where the pores are as wide as the probe between walls, which may be half a
+        voxel beside the voxel's centre; of these those fit that need not be beside it, and those
+        that stand for places where no voxel near by does. Where there is room for larger balls they
+        are taken: all that they touch is touched.
+        """
+        squares, sample = self.squares, self.sample
+        passing = squares.values >= _square(probe / 2 / squares.step, sample.widths("pore"))
+        from_outside = _from_outside(passing & self.void, sample.grid, self)
+        fits = self.inner >= (probe / 2 / squares.step) ** 2 * (1 - 1e-5)
+        fits &= from_outside
+        near = fits
+        for axis, wraps in enumerate(sample.frame.periodic):
+            near = near | _beside(near, axis, wraps)
+        return self._untouched(from_outside), self._untouched(from_outside & (fits | ~near))
+
+    def edges(self, probe: float) -> float:
+        """Return what a ball leaves along edges between walls, where these are at right angles."""
+        frame, solid = self.sample.frame, self.sample.grid.solid
+        beside = [_beside(solid, axis, wraps) for axis, wraps in enumerate(frame.periodic)]
+        edges = sum(np.asarray(one, np.int8) for one in beside) > 1
+        count = int(np.count_nonzero(edges & ~solid))
+        radius = min(probe / 2 / min(frame.spacing), CORNER)
+        return count * (1 - math.pi / 4) * radius**2 * frame.voxel_volume
+
+    def _untouched(self, centres: Bools) -> float:
+        from porous.kernels.reached import held_by_balls
+
+        grid, frame = self.sample.grid, self.sample.frame
+        balls = np.where(centres, self.inner, np.float32(0))
+        touched = held_by_balls(balls, self.squares.weights, periodic=frame.periodic)
+        each = zip(frame.shape, self.margins, strict=True)
+        missed = ~touched[tuple(slice(a, a + n) for n, (a, _) in each)] & ~grid.solid
+        if grid.bulk is not None:
+            missed &= grid.bulk >= 128
+        return float(np.count_nonzero(missed)) * frame.voxel_volume
+
+
+def _beside(solid: Bools, axis: int, wraps: bool) -> Bools:  # noqa: FBT001
+    """Return which voxels have solid beside them along an axis."""
+    around = [(0, 0)] * 3
+    around[axis] = (1, 1)
+    wide = np.moveaxis(np.pad(solid, around, mode="wrap" if wraps else "constant"), axis, 0)
+    return np.moveaxis(wide[2:] | wide[:-2], 0, axis)
+
+
+def _square(half: float, wide: Widths) -> float:
+    """Return the least square of balls that are so wide, but for rounding."""
+    roots, radii = np.append(0.0, np.sqrt(wide.squares)), np.append(0.0, wide.radii)
+    half *= 1 - 1e-9
+    over = half - float(radii[-1])
+    if over > 0:
+        return (float(roots[-1]) + over) ** 2 * (1 - 1e-9)
+    i = int(np.searchsorted(radii, half))
+    part = (half - radii[i - 1]) / (radii[i] - radii[i - 1])
+    return float(roots[i - 1] + part * (roots[i] - roots[i - 1])) ** 2 * (1 - 1e-9)
+
+
+def _free(squares: Squares, frame: Frame) -> NDArray[np.float32]:
+    """Return squares of balls, less half a voxel where they end at a flat wall along an axis."""
+    roots = np.sqrt(squares.values, dtype=np.float32)
+    beyond = np.full_like(roots, np.inf)
+    for axis, wraps in enumerate(frame.periodic):
+        edge = np.float32(math.sqrt(squares.weights[axis]))
+        for step in (1, -1):
+            beside = np.roll(roots, step, axis=axis)
+            if not wraps:
+                np.moveaxis(beside, axis, 0)[0 if step == 1 else -1] = np.inf
+            np.subtract(beside, roots, out=beside)
+            walled = beside <= -edge * np.float32(1 - 1e-5)
+            beyond[walled] = np.minimum(beyond[walled], edge / 2)
+    roots -= np.where(np.isfinite(beyond), beyond, np.float32(0))
+    return np.multiply(roots, roots, out=roots)
 
 
 def _margins(frame: Frame, probe: float) -> list[tuple[int, int]]:
@@ -229,16 +341,23 @@ def flooded(frame: Frame, probe: float) -> int:
     return math.prod(n + a + b for n, (a, b) in each)
 
 
-def _from_outside(fits: Bools, grid: VoxelGrid, margins: list[tuple[int, int]]) -> Bools:
-    """Return the voxels of a mask that are joined with the outside, of the grid with margins."""
+def _from_outside(fits: Bools, grid: VoxelGrid, flood: _Flood) -> Bools:
+    """Return the voxels of a mask that are joined with the outside, of the grid with margins.
+
+    Where balls have their centres in the bulk, of those alone.
+    """
     from porous.kernels.components import label
 
     labels, count = label(fits, 26, periodic=grid.frame.periodic)
     found: Bools = np.zeros(count + 1, np.bool_)
-    for axis, (margin, _) in enumerate(margins):
-        if margin:
+    for axis, wraps in enumerate(grid.frame.periodic):
+        if not wraps:
             found[np.unique(labels.take((0, -1), axis=axis))] = True
-    if grid.bulk is not None:
-        found[np.unique(labels[np.pad(grid.bulk < 128, margins)])] = True
+    free = None if grid.bulk is None else np.pad(grid.bulk < 128, flood.margins)
+    if free is not None:
+        found[np.unique(labels[free])] = True
     found[0] = False
-    return np.asarray(found[labels])
+    result = np.asarray(found[labels])
+    if free is not None and not flood.around:
+        result &= ~free
+    return result
