@@ -7,6 +7,7 @@ import pytest
 
 from porous import extract_surface, measures
 from porous.kernels.windows import DIRECTIONS
+from porous.measures._intercept import rays
 from porous.measures._surface_area import _crofton_area, crofton
 from porous.values import FILL, Frame, SurfaceMesh, VoxelGrid
 
@@ -87,6 +88,7 @@ def test_needles_and_sheets_of_any_length_are_measured(axis, middle):
     rule = crofton(tuple(spacing))
     longest = spacing.max()
     assert rule.weights.sum() == pytest.approx(1)
+    assert rays(tuple(spacing)).weights.sum() == pytest.approx(1)
     np.testing.assert_allclose(rule.lengths, np.linalg.norm(DIRECTIONS * spacing, axis=1))
     for normal in np.random.default_rng(1).normal(size=(40, 3)):
         unit = normal / np.linalg.norm(normal)
