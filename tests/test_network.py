@@ -140,10 +140,11 @@ def test_a_lattice_of_cavities_has_a_throat_for_every_channel():
     ends = ((index == 0) | (index == counts - 1)).sum(axis=1)
     assert np.array_equal(found.coordination_numbers, 6 - ends)
     assert found.volumes.sum() == pytest.approx((~solid).sum() * np.prod(spacing))
-    # From the middle of a channel the nearest solid is two voxels away across its narrow side.
+    # Channels are three voxels wide. In a cavity of seven a ball reaches into one across y that is
+    # shut on the other side: r² = 1.5² + (5.6 - r)².
     across = 0.8 * np.where(np.diff(index[found.throats], axis=1)[:, 0, 1] == 0, 1, 1.25)
-    assert found.throat_diameters == pytest.approx(2 * 2 * across)
-    assert found.inscribed_diameters.min() == pytest.approx(2 * 4 * 0.8)
+    assert found.throat_diameters == pytest.approx(3 * across)
+    assert abs(found.inscribed_diameters.min() - 2 * 33.61 / 11.2) <= 1.1
 
 
 @pytest.mark.parametrize(("radius", "shift"), [(4.0, 0.0), (5.3, 0.3), (6.5, 0.7)])
@@ -178,7 +179,7 @@ def test_a_gap_between_plates_is_one_pore_that_touches_itself():
     assert len(found) == 1
     assert not len(found.throats)
     assert found.coordination_numbers.tolist() == [0]
-    assert found.inscribed_diameters[0] == 10
+    assert found.inscribed_diameters[0] == 9
 
 
 @pytest.fixture(scope="module", params=[0, 1])
@@ -311,7 +312,8 @@ def test_bodies_without_pores_or_solid_have_no_network():
 def test_work_tells_how_far_it_is_and_may_be_cancelled(noise):
     told = []
     pore_network(noise, progress=lambda name, done: told.append((name, done)))
-    assert {name for name, _ in told} == {"watershed"}
+    assert {name for name, _ in told} == {"watershed", "local thickness"}
+    told = [(name, done) for name, done in told if name == "watershed"]
     assert all(0 <= done <= 1 for _, done in told)
     assert [done for _, done in told] == sorted(done for _, done in told)
 

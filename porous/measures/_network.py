@@ -57,8 +57,7 @@ class PoreNetwork(Value):
     volumes
         float64, shape (n,), in ``frame.unit`` cubed.
     inscribed_diameters
-        float64, shape (n,), of that ball: twice the distance from its centre to the nearest voxel
-        of solid, from centre to centre.
+        float64, shape (n,), of that ball: between walls, as ``local_thickness`` tells it.
     cut
         bool, shape (n,): whether a side of the grid or of the bulk cuts it.
     throats
@@ -68,7 +67,7 @@ class PoreNetwork(Value):
         and leads out at either end. None have pores that touch only in lines and points, where
         others lie between them, nor one that goes on into its own image where nothing narrows.
     throat_diameters
-        float64, shape (m,): of the largest ball that passes from the one to the other.
+        float64, shape (m,): of the largest ball that passes from the one to the other, likewise.
     periods
         int32, shape (m, 3): how many periods along each axis the image of the second pore is away
         that the first one touches, of those images whose centres are ``centres`` both; zero where
@@ -181,10 +180,10 @@ def _network(sample: Sample) -> PoreNetwork:
         adopted(labels),
         np.stack([frame.centres(axis)[places[axis]] for axis in range(3)], axis=1),
         counts.astype(np.float64) * frame.voxel_volume,
-        2 * squares.step * np.sqrt(found.depths, dtype=np.float64),
+        2 * sample.half_widths("pore", found.depths.astype(np.float64)),
         _cut(found, frame, None if voxels.bulk is None else voxels.mask & ~voxels.bulk),
         found.pairs - 1,
-        2 * squares.step * np.sqrt(found.saddles, dtype=np.float64),
+        2 * sample.half_widths("pore", found.saddles.astype(np.float64)),
         found.periods,
     )
 
