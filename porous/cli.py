@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
+from porous.disk import folder_for
 from porous.errors import Cancelled, ModelError, PorousError, RecipeError
 from porous.memory import limited
 from porous.terminal import Progress, complain, print_columns, print_result, quiet_warnings, tell
@@ -269,7 +270,8 @@ def measure(
     from porous import workspace
 
     detail = detail or ("full" if out is not None else None)
-    with limited(max_memory), _of(source), Progress() as progress:
+    place = contextlib.nullcontext() if out is None else folder_for(out)
+    with limited(max_memory), _of(source), place, Progress() as progress:
         if workspace.is_recipe(source):
             result = workspace.measured(_load(source, values, voxels, detail), feature, progress)
         elif values or voxels or feature:

@@ -157,7 +157,7 @@ def _forget(table: dict[str, Any], analysis: object) -> None:
 def find(recipe: str | Path) -> Path:
     """Return where the recipe lies that a preset's name or a path means."""
     text = str(recipe)
-    is_path = isinstance(recipe, Path) or text.endswith(presets.SUFFIX) or "/" in text
+    is_path = isinstance(recipe, Path) or Path(text).suffix or "/" in text
     if is_path or (text not in presets.names() and Path(text).exists()):
         return Path(recipe)
     return presets.path_of(text)

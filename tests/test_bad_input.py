@@ -163,7 +163,14 @@ COMMANDS = {
         "no preset 'mengr'; did you mean 'menger'",
     ),
     "recipe is missing": (["make", "none.toml", "-o", "out"], 2, "none.toml: .*no such file"),
-    "recipe is a folder": (["make", "./", "-o", "out"], 2, "is a folder"),
+    "recipe is a folder": (["make", "./", "-o", "out"], 2, "is a folder without slices"),
+    "image is missing": (["make", "none.tif", "-o", "out"], 2, "none.tif: .*not found"),
+    "voxels without a header": (["make", "ct.raw", "-o", "out"], 2, "ct.raw: .*wanted an .mhd"),
+    "measures into a file": (
+        ["measure", "menger", "--voxels", "100000", "-o", "taken"],
+        1,
+        "taken: cannot be written",  # before the memory is asked for that is not there
+    ),
     "recipe is a device": (["make", "/dev/null", "-o", "out"], 2, "not an ordinary file"),
     "only nonsense": (
         ["make", "menger", "-o", "out", "--only", "voxel"],
@@ -183,13 +190,14 @@ COMMANDS = {
     "recipe of nothing": (["recipe"], 2, "porous list"),
     "recipe unknown": (["recipe", "vicsek-8"], 2, "did you mean 'vicsek-"),
 }
-"""A command line in a folder with the files ``taken`` and ``broken.stl``; exit code and words."""
+"""A command line in a folder with ``taken``, ``ct.raw``, ``broken.stl``; exit code and words."""
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Return a folder to work in, with a file that is in the way and a broken surface."""
     (tmp_path / "taken").write_text("a file")
+    (tmp_path / "ct.raw").write_bytes(bytes(range(128, 192)))
     (tmp_path / "broken.stl").write_bytes(b"\0" * 80 + (7).to_bytes(4, "little") + b"\0" * 9)
     monkeypatch.chdir(tmp_path)
     return tmp_path

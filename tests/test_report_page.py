@@ -6,8 +6,9 @@ from pathlib import Path
 from porous import workspace
 from porous.measures import Findings
 from porous.models.stage_sections import ReportSection
-from porous.pipeline import Result
+from porous.pipeline import Result, examine
 from porous.toml import parse_value
+from porous.values import SurfaceMesh
 
 PAGE = (Path(__file__).parent.parent / "docs" / "report.md").read_text(encoding="utf-8")
 
@@ -25,3 +26,10 @@ def test_every_key_of_the_report_is_on_the_page_with_its_default_and_no_other():
 def test_what_a_survey_notes_is_in_the_record():
     result = Result(None, notes=("made so",), findings=Findings(notes=("best built along +z",)))
     assert workspace.record(result)["notes"] == ["made so", "best built along +z"]
+
+
+def test_surfaces_in_full_detail_are_not_called_out_of_core():
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    surface = SurfaceMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    (note,) = examine(surface, detail="full").notes
+    assert note.startswith("full detail is measured of voxels; of a surface")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from porous.errors import FormatWarning, ModelError
+from porous.errors import FormatWarning, ModelError, RecipeError
 from porous.memory import check_memory
 from porous.models.sections import Section, Spacing
 from porous.models.threshold import Levels, levels_of, otsu, within
@@ -45,6 +45,8 @@ NUDGE = 0.01
 """The part of the range of grey values by which a threshold is moved, to tell what it does."""
 PICTURES = (".png", ".tif", ".tiff")
 """Suffixes of slices in a folder."""
+BARE = ".raw"
+"""Suffix of files that hold voxels and nothing else."""
 SIZES = ("no voxel size", "no distance of layers")
 """What readers say of sizes that are missing; of no use where the recipe says them."""
 REMEDY = 'wanted threshold = "otsu", or a grey value of your own'
@@ -363,11 +365,27 @@ class ImageSection(Section):
 
 
 def table_of(path: Path) -> dict[str, Any]:
-    """Return the recipe that an image is by itself, without a threshold; empty for other files."""
+    """Return the recipe that an image is by itself, without a threshold; empty for other files.
+
+    Raises
+    ------
+    RecipeError
+        For a folder without slices, and for voxels whose header is another file.
+    """
     from porous.formats import images
 
     if path.is_dir():
         is_image = any(file.suffix.lower() in PICTURES for file in path.iterdir())
+        if not is_image:
+            raise RecipeError(
+                f"{path}: is a folder without slices, PNG or TIFF; wanted such a one, a recipe "
+                "(TOML), an image or a preset's name"
+            )
+    elif path.suffix.lower() == BARE and path.is_file():
+        raise RecipeError(
+            f"{path}: voxels without their number, type and size; wanted an .mhd or .nhdr file "
+            "beside it that says these"
+        )
     else:
         is_image = path.suffix not in ("", ".toml") and path.suffix.lower() in images()
     if not is_image:

@@ -14,7 +14,7 @@ from porous.measures import Survey
 from porous.pipeline._rehearsal import rehearse
 from porous.pipeline._result import Result
 from porous.pipeline._stored import Place, StoredWork
-from porous.pipeline._survey import IN_MEMORY, surveyed
+from porous.pipeline._survey import IN_MEMORY, OF_MESHES, surveyed
 from porous.pipeline._work import Work
 from porous.scale import CHUNK
 from porous.values import Tiled, VoxelGrid
@@ -162,7 +162,8 @@ def examine(
     if detail == "brief":
         return made
     if not isinstance(value, VoxelGrid):
-        return replace(made, notes=(*made.notes, IN_MEMORY))
+        why = IN_MEMORY if isinstance(value, Tiled) else OF_MESHES
+        return replace(made, notes=(*made.notes, why))
     found = surveyed(value, None, Survey(beyond="unknown"), progress)
     return replace(
         made,

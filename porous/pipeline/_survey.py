@@ -24,6 +24,10 @@ IN_MEMORY = (
     "the tiles tell"
 )
 
+OF_MESHES = (
+    "full detail is measured of voxels; of a surface or a mesh the report has what its triangles "
+    "or elements tell"
+)
 
 NO_SURFACE = (
     f"no surface: images of more than {SURFACE_VOXELS} voxels are measured by these alone; "
