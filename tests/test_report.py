@@ -16,10 +16,11 @@ from report_curves import plotted
 from porous import disk, view
 from porous.certificate import Certificate, Check, certify
 from porous.errors import DiskError, ViewError
+from porous.formats import write
 from porous.measures import Findings
-from porous.pipeline import Result, run
+from porous.pipeline import Origin, Result, run
 from porous.recipe import build, load, with_files
-from porous.report import _page, _report, report_html, write_report
+from porous.report import _page, _provenance, _report, report_html, write_report
 from porous.report._agreement import agree, conflicts, groups, lines, verdict
 from porous.report._citation import citation, software
 from porous.report._definitions import definitions, documents, methods, sources
@@ -39,6 +40,8 @@ from porous.values import (
     VolumeMesh,
     VoxelGrid,
 )
+from porous.workspace import record
+from porous.workspace._measure import examined
 
 HOSTILE = "</title><script>alert(1)</script>&\"'<img src=x onerror=y> {{ 7 * 7 }} ☃"
 VOID_ELEMENTS = {"meta", "img", "br", "link", "input", "hr"}
@@ -82,6 +85,7 @@ def body():
 def quick_picture(monkeypatch):
     """Draw nothing: VTK is slow, and pictures have tests of their own."""
     monkeypatch.setattr(_report, "picture", lambda *_, **__: b"\x89PNG not really")
+    monkeypatch.setattr(_provenance, "now", lambda: "today")
 
 
 def recipe_named(title):
@@ -623,8 +627,7 @@ def test_the_methods_paragraph_tells_what_was_done_and_whom_it_follows(body):
         "sampled by 3 × 4 × 5 voxels of 0.5 × 0.25 × 1 mm (sampling: fill), periodic along y",
         "4 triangles",
         "1 elements",
-        "porosity, components, genus by closed form",
-        "surface area by triangles",
+        "Measured were porosity by voxel fill; pieces of solid and independent tunnels by closed",
     ):
         assert wanted in said.paragraph, wanted
     assert "Definitions follow" not in said.paragraph
@@ -634,7 +637,7 @@ def test_the_methods_paragraph_tells_what_was_done_and_whom_it_follows(body):
 def test_sources_become_bibtex_where_what_they_define_is_told():
     rows = (
         row("specific_surface_area", 2.0, "crofton", 0.1, "standard", unit="1/mm"),
-        row("pore_thickness_mean", 0.2, "local thickness", 0.1, "bound", unit="mm"),
+        row("pore_thickness_p50", 0.2, "local thickness", 0.1, "bound", unit="mm"),
     )
     said = citation(Result(None, measures=Measures(rows)), "1.2.3")
     assert "specific surface area by crofton (J. Ohser, F. Mücklich 2000)" in said.paragraph
@@ -646,6 +649,36 @@ def test_sources_become_bibtex_where_what_they_define_is_told():
     assert "version = {1.2.3}" in said.bibtex
     assert said.line.endswith("Version 1.2.3.")
     assert software()["title"] in said.line
+
+
+def test_a_paragraph_names_ways_and_sizes_along_axes_once():
+    rows = [row(f"percolation_diameter_{a}", 0.2, "widest paths") for a in "xyz"]
+    rows += [row(f"succolarity_{a}", 0.2, "voxel flood") for a in "xyz"]
+    said = citation(Result(None, measures=Measures(tuple(rows))), "1.2.3").paragraph
+    assert said == (
+        "A body was read and measured with porous 1.2.3. "
+        "Measured were widest ball that passes by widest paths. "
+        "Definitions follow A. J. Katz, A. H. Thompson 1986."
+    )
+
+
+def test_a_file_that_was_measured_is_named_with_its_hash_and_size(body, tmp_path):
+    path = tmp_path / "box.stl"
+    write(body.surface, path)
+    content = path.read_bytes()
+    result = examined(str(path))
+    digest = hashlib.sha256(content).hexdigest()
+    assert result.source == Origin("box.stl", digest, len(content))
+    words = parsed(report_html(result)).words
+    assert words.startswith("Measures of box.stl")
+    assert f"box.stl, SHA-256 {digest}, {len(content)} bytes" in words
+    assert f"The file box.stl (SHA-256 {digest}) was read" in words
+
+
+def test_when_it_was_made_is_told_beside_the_measures_not_among_them(body, monkeypatch):
+    monkeypatch.setattr(_provenance, "now", lambda: "2001-02-03 04:05 UTC")
+    assert "2001-02-03 04:05 UTC" in parsed(report_html(body)).words
+    assert "2001" not in str(record(body))
 
 
 def test_files_that_a_recipe_reads_are_told_with_their_hashes(body, tmp_path):

@@ -22,6 +22,25 @@ if TYPE_CHECKING:
     from porous.values import Job, SurfaceMesh, VolumeMesh, VoxelGrid
 
 
+@dataclass(frozen=True)
+class Origin(Value):
+    """The file that was read.
+
+    Parameters
+    ----------
+    name
+        Of the file, without its folders; of a store of voxels that of the folder.
+    sha256
+        Of its bytes; nothing of a folder.
+    size
+        In bytes.
+    """
+
+    name: str
+    sha256: str = ""
+    size: int = 0
+
+
 @dataclass(frozen=True, eq=False)
 class Result(Value):
     """What came of a recipe; None where a stage was not asked for.
@@ -47,6 +66,8 @@ class Result(Value):
     maps
         How wide pores and how thick walls are, voxel by voxel, by phase: ``"pore"`` and
         ``"solid"``; empty in brief.
+    source
+        The file that was measured, where there is no recipe.
     """
 
     recipe: Recipe | None
@@ -61,6 +82,7 @@ class Result(Value):
     notes: tuple[str, ...] = ()
     findings: Findings = field(default_factory=Findings)
     maps: Mapping[str, LocalThickness] = field(default_factory=dict)
+    source: Origin | None = None
 
     def __post_init__(self) -> None:
         for name in ("times", "maps"):

@@ -7,18 +7,23 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from porous.report._definitions import CITATION, definition, documents, methods, sources
-from porous.report._digits import number
+from porous.report._digits import number, unit_text
+from porous.report._names import CLOSED, LABELS, called
 from porous.report._provenance import surroundings, times
+from porous.values import Measures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from porous.pipeline import Result
+    from porous.pipeline import Origin, Result
     from porous.report._definitions import Source
-    from porous.values import Measures
+    from porous.values import Measure
 
 MANY = 8
-"""Names of measures that a sentence takes."""
+"""Names of measures that a sentence takes where none of them is a key number."""
+
+PERCENTILE = re.compile(r"_p\d\d$")
+AXIS = re.compile(r" along [xyz]$")
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,9 @@ def citation(result: Result, version: str) -> Citation:
 def cited_by(measures: Measures) -> tuple[Source, ...]:
     """Return the publications that define the measures of a page, or their methods."""
     best = [measures[name] for name in measures.names]
-    texts = [known.text for known in map(definition, measures.names) if known]
+    means = [PERCENTILE.sub("_mean", name) for name in measures.names]  # whose source is theirs
+    names = dict.fromkeys((*measures.names, *means))
+    texts = [known.text for known in map(definition, names) if known]
     texts += [methods().get(row.method, "") for row in best]
     together = " ".join(texts)
     return tuple(source for source in sources() if source.named in together)
@@ -97,9 +104,10 @@ def _braced(name: str, text: str) -> str:
 
 
 def _of_recipe(result: Result, version: str) -> Iterator[str]:
-    recipe = result.recipe
+    recipe, source = result.recipe, result.source
     if recipe is None:
-        yield f"A body was read from a file and measured with porous {version}."
+        body = f"The file {source.name}{_hashed(source)}" if source else "A body"
+        yield f"{body} was read and measured with porous {version}."
         return
     after = f" (after {recipe.source})" if recipe.source else ""
     yield (
@@ -108,12 +116,16 @@ def _of_recipe(result: Result, version: str) -> Iterator[str]:
     )
 
 
+def _hashed(source: Origin) -> str:
+    return f" (SHA-256 {source.sha256})" if source.sha256 else ""
+
+
 def _of_stages(result: Result) -> Iterator[str]:
     if result.grid is not None:
         frame = result.grid.frame
         yield (
-            f"It was sampled by {times(frame.shape)} voxels of {times(frame.spacing)} {frame.unit} "
-            f"(sampling: {result.grid.sampling}), {surroundings(frame)}."
+            f"It was sampled by {times(frame.shape)} voxels of {times(frame.spacing)} "
+            f"{unit_text(frame.unit)} (sampling: {result.grid.sampling}), {surroundings(frame)}."
         )
     if result.surface is not None:
         triangles = result.surface.triangles
@@ -126,23 +138,35 @@ def _of_stages(result: Result) -> Iterator[str]:
 def _of_measures(measures: Measures) -> Iterator[str]:
     if not len(measures):
         return
+    told = _told(measures)
     together: dict[str, list[str]] = {}
-    for name in measures.names:
-        together.setdefault(measures[name].method, []).append(name.replace("_", " "))
+    for row in told:
+        together.setdefault(row.method, []).append(AXIS.sub("", called(row.name)))
     said = [f"{_listed(names)} by {method}{_by(method)}" for method, names in together.items()]
     yield f"Measured were {'; '.join(said)}."
-    named = [source.named for source in cited_by(measures)]
+    named = [source.named for source in cited_by(Measures(told))]
     if named:
         yield f"Definitions follow {'; '.join(named)}."
-    yield (
-        "Uncertainties are half-widths: bounds where they are said to be, else two standard "
-        "uncertainties (95 %)."
-    )
+    if any(row.kind != "exact" for row in told):
+        yield (
+            "Uncertainties are half-widths: bounds where they are said to be, else two standard "
+            "uncertainties (95 %)."
+        )
+
+
+def _told(measures: Measures) -> tuple[Measure, ...]:
+    """Return the rows that a paper would tell: the key numbers, as measured where they were."""
+    names = [name for name in LABELS if name in measures] or measures.names[:MANY]
+    rows = []
+    for name in names:
+        taken = tuple(row for row in measures.all(name) if row.method != CLOSED)
+        rows.append(Measures(taken or measures.all(name))[name])
+    return tuple(rows)
 
 
 def _listed(names: list[str]) -> str:
-    more = len(names) - MANY
-    return ", ".join(names[:MANY]) + (f" and {more} more" if more > 0 else "")
+    once = list(dict.fromkeys(names))
+    return " and ".join((", ".join(once[:-1]), once[-1])) if len(once) > 1 else once[0]
 
 
 def _by(method: str) -> str:

@@ -32,6 +32,8 @@ KEYS = (
 )
 """What the first table has of what there is, and what it calls it."""
 
+CLOSED = "closed form"
+
 FORMS = {
     "smallest_wall": "smallest_feature",
     "smallest_gap": "smallest_pore",

@@ -7,6 +7,7 @@ import os
 import platform
 from collections import Counter
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -53,6 +54,7 @@ class Provenance:
     sha256: str
     seed: str
     source: str
+    date: str
     made: tuple[tuple[str, str], ...]
     files: tuple[tuple[str, str], ...]
     threads: str
@@ -76,8 +78,9 @@ def provenance(result: Result, folder: Path | None = None) -> Provenance:
         sha256=recipe.sha256 if recipe else "",
         seed=str(recipe.seed) if recipe else "",
         source=recipe.source if recipe else "",
+        date=now(),
         made=tuple(_made(result)),
-        files=tuple(_files(result, folder)),
+        files=(*_source(result), *_files(result, folder)),
         threads=str(len(os.sched_getaffinity(0))),
         times=tuple((stage, f"{seconds:.2f} s") for stage, seconds in result.times.items()),
         versions=versions(),
@@ -86,10 +89,10 @@ def provenance(result: Result, folder: Path | None = None) -> Provenance:
 
 def told(origin: Provenance) -> list[tuple[str, str]]:
     """Return what is said of where a result comes from, in its order."""
-    said = []
+    said = [("made", origin.date)]
     if origin.recipe:
         said += [("recipe, SHA-256", origin.sha256), ("seed", origin.seed)]
-    said += [(f"file {key}", value) for key, value in origin.files]
+    said += [(f"file {key}".strip(), value) for key, value in origin.files]
     said += [("threads there", origin.threads)]
     said += [(f"time for {stage}", spent) for stage, spent in origin.times]
     return [*said, *origin.versions.items()]
@@ -98,7 +101,7 @@ def told(origin: Provenance) -> list[tuple[str, str]]:
 def title_of(result: Result) -> str:
     """Return the recipe's title, or what can be said without one."""
     if result.recipe is None:
-        return "Measures of a body without a recipe"
+        return f"Measures of {result.source.name if result.source else 'a body without a recipe'}"
     return result.recipe.title or f"A body of kind {result.recipe.model.kind}"  # type: ignore[attr-defined]
 
 
@@ -111,6 +114,18 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             there[package] = "not installed"
     return there
+
+
+def now() -> str:
+    """Return date and time."""
+    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def _source(result: Result) -> Iterator[tuple[str, str]]:
+    source = result.source
+    if source is not None:
+        hashed = f", SHA-256 {source.sha256}, {number(source.size)} bytes" if source.sha256 else ""
+        yield "", f"{source.name}{hashed}"
 
 
 def _files(result: Result, folder: Path | None) -> Iterator[tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from porous.report._agreement import agree, compared, groups
 from porous.report._definitions import OTHERS, definition, definitions, methods
 from porous.report._digits import half_text, half_width, unit_of, value_text
-from porous.report._names import FORMS, KEYS, called
+from porous.report._names import CLOSED, FORMS, KEYS, called
 from porous.values import Measures
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from porous.report._agreement import Row
     from porous.values import Measure
 
-CLOSED = "closed form"
 NOTHING = "nan"
 """What a cell without a number sorts by."""
 AXES = ("x", "y", "z")

@@ -561,9 +561,10 @@ def _report(result: Result, path: Path, progress: Progress | None) -> None:
 
 
 def _log(result: Result) -> dict[str, Any]:
-    from porous.report import versions
+    from porous.report import now, versions
 
     return {
+        "made": now(),
         "times": {stage: round(seconds, 3) for stage, seconds in result.times.items()},
         "versions": versions(),
         "notes": list(result.notes),

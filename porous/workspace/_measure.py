@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,10 +72,18 @@ def examined(path: str, *, detail: str = "brief", progress: Progress | None = No
     from porous.values.surface_topology import check_closed
 
     if Path(path).is_dir():
-        return pipeline.examine(StoredGrid.open(path), detail=detail, progress=progress)
+        made = pipeline.examine(StoredGrid.open(path), detail=detail, progress=progress)
+        return replace(made, source=pipeline.Origin(Path(path).absolute().name))
     value = read(path)
     if isinstance(value, SurfaceMesh):
         check_closed(value)
         check_uncrossed(value)
     known = value.mesh if isinstance(value, MeshFields) else value
-    return pipeline.examine(known, detail=detail, progress=progress)  # type: ignore[arg-type]
+    made = pipeline.examine(known, detail=detail, progress=progress)  # type: ignore[arg-type]
+    return replace(made, source=_origin(Path(path)))
+
+
+def _origin(path: Path) -> pipeline.Origin:
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        return pipeline.Origin(path.name, digest, stream.tell())
