@@ -76,7 +76,7 @@ def take(sample: Sample) -> Findings:
     Parameters
     ----------
     sample
-        The body; of one with more than 512³ voxels a coarser one is looked at.
+        The body; of one with more than 256³ voxels a coarser one is looked at.
 
     Returns
     -------
