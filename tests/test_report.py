@@ -593,6 +593,7 @@ def test_the_voxels_of_the_certificate_have_their_half_width():
         (1982627123.4, 3.4e3, "mm³", ("1 982 627 100", "± 3 400")),
         (0.123456, math.inf, "1", ("0.1235", "not known")),
         (math.inf, math.inf, "1", ("infinite", "not known")),
+        (1.665e-15, math.inf, "1", ("0", "not known")),
         (12, 0.0, "1", ("12", "exact as shown")),
     ],
 )
@@ -720,7 +721,15 @@ def test_what_a_sample_says_of_the_whole_is_among_the_doubts(body):
     said = doubts(replace(body, measures=Measures(tuple(rows))))
     assert said.first == (
         "Of what the grid was cut out of the porosity is by blocks of it 0.3 ± 0.1 (95 %).",
-        "Of what the grid was cut out of the area by volume is not known.",
+        "Of what the grid was cut out of is not known: area by volume.",
+    )
+
+
+def test_of_axes_alike_is_told_once():
+    rows = [row(f"throat_{a}", v, "m", 0.1, "bound") for a, v in (("x", 1), ("y", 1), ("z", 2))]
+    assert doubts(Result(None, measures=Measures(tuple(rows)))).others == (
+        "Throat along x, y is 1 ± 0.1, by m: ± 10 %.",
+        "Throat along z is 2 ± 0.1, by m: ± 5 %.",
     )
 
 

@@ -112,5 +112,7 @@ def _is_below(value: float, half: float) -> bool:
 
 def _quiet(measure: Measure) -> float:
     """Return a value, nought for one that is put down to floating-point numbers."""
-    quiet = measure.unit == "1" and max(abs(measure.value), half_width(measure)) <= NOISE
+    half = half_width(measure)
+    tiny = abs(measure.value) <= NOISE and (half <= NOISE or not math.isfinite(half))
+    quiet = measure.unit == "1" and tiny
     return 0.0 if quiet else measure.value

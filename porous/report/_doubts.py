@@ -13,7 +13,7 @@ from porous.report._names import LABELS, called
 from porous.values.measure import ONE_SIDED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from porous.pipeline import Result
     from porous.values import Measure
@@ -24,11 +24,13 @@ FEW = 3
 THIN = ("smallest_feature", "smallest_pore", "smallest_wall", "smallest_gap")
 """What a body's thinnest parts are measured by."""
 
-OF_MATERIAL = {
-    "material_porosity": "porosity",
-    "material_specific_surface": "area by volume",
-}
-"""What tells of something larger, and what it is called there."""
+MATERIAL = "material_"
+"""How names begin of what tells of something larger."""
+
+SPECIFIC = {"material_specific_surface": "area by volume"}
+"""What is called otherwise there."""
+
+AXIS = re.compile(r"(.* along )([+−]?[xyz])")
 
 NOTEWORTHY = 0.01
 """Relative half-width from which a best number is said to be uncertain."""
@@ -71,9 +73,9 @@ def doubts(result: Result) -> Doubts:
             *_of_resolution(result),
             *(note for note in result.notes if MOVED in note),
             *_of_sampling(result),
-            *(spread[name] for name in LABELS if name in spread),
+            *_together({name: spread[name] for name in LABELS if name in spread}),
         ),
-        others=tuple(text for name, text in spread.items() if name not in LABELS),
+        others=tuple(_together({n: text for n, text in spread.items() if n not in LABELS})),
         missing=_missing(result),
     )
 
@@ -112,22 +114,46 @@ def _of_resolution(result: Result) -> Iterator[str]:
 
 
 def _of_sampling(result: Result) -> Iterator[str]:
-    for name, label in OF_MATERIAL.items():
-        for row in result.measures.all(name)[:1]:
-            far = (
-                f"by blocks of it {_shown(row)}" if math.isfinite(row.uncertainty) else "not known"
-            )
-            yield f"Of what the grid was cut out of the {label} is {far}."
+    unknown = []
+    for name in filter(_is_of_material, result.measures.names):
+        row = result.measures[name]
+        label = SPECIFIC.get(name, called(name.removeprefix(MATERIAL)))
+        if not math.isfinite(row.uncertainty):
+            unknown.append(label)
+        elif not _is_sure(row):
+            yield f"Of what the grid was cut out of the {label} is by blocks of it {_shown(row)}."
+    if unknown:
+        yield f"Of what the grid was cut out of is not known: {', '.join(unknown)}."
+
+
+def _is_of_material(name: str) -> bool:
+    return name.startswith(MATERIAL)
+
+
+def _is_sure(row: Measure) -> bool:
+    return half_width(row) <= NOTEWORTHY * abs(row.value)
+
+
+def _together(said: Mapping[str, str]) -> Iterator[str]:
+    """Yield sentences on measures; one for all axes of which the same is said."""
+    axes: dict[tuple[str, str], list[str]] = {}
+    for name, text in said.items():
+        found = AXIS.fullmatch(called(name))
+        axes.setdefault((found[1] if found else called(name), text), []).append(
+            found[2] if found else ""
+        )
+    for (label, text), along in axes.items():
+        yield _sentence(f"{label}{', '.join(along)} {text}")
 
 
 def _of_spread(result: Result) -> Iterator[tuple[str, str]]:
     """Yield names of measures and what is uncertain of them."""
     for name in result.measures.names:
         row = result.measures[name]
-        if name in OF_MATERIAL or is_noise(row, _usual(result, row)):
+        if _is_of_material(name) or is_noise(row, _usual(result, row)):
             continue
         if said := _spread(row):
-            yield name, _sentence(f"{called(name)} {said}")
+            yield name, said
 
 
 def _spread(row: Measure) -> str:
@@ -137,7 +163,7 @@ def _spread(row: Measure) -> str:
         return f"is not defined for this body ({row.method})."
     if row.method in ONE_SIDED:
         return f"is {row.spread} {_valued(row)}; how far off is not known."
-    if half <= NOTEWORTHY * abs(row.value):
+    if _is_sure(row):
         return ""
     if not math.isfinite(half):
         return f"is {_valued(row)}, by {row.method}: how far off is not known."
