@@ -3,12 +3,15 @@
 import re
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 from porous import workspace
-from porous.measures import Findings
+from porous.measures import Family, Findings, Survey
 from porous.models.stage_sections import ReportSection
-from porous.pipeline import Result, examine
+from porous.pipeline import Result, _survey, examine
 from porous.toml import parse_value
-from porous.values import SurfaceMesh
+from porous.values import Frame, SurfaceMesh, VoxelGrid
 
 PAGE = (Path(__file__).parent.parent / "docs" / "report.md").read_text(encoding="utf-8")
 
@@ -33,3 +36,15 @@ def test_surfaces_in_full_detail_are_not_called_out_of_core():
     surface = SurfaceMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     (note,) = examine(surface, detail="full").notes
     assert note.startswith("full detail is measured of voxels; of a surface")
+
+
+@pytest.mark.parametrize("is_round", [True, False])
+def test_what_is_missing_for_want_of_a_box_is_noted(is_round, monkeypatch):
+    family = Family("none", "None", 1, lambda _: Findings())
+    monkeypatch.setattr(_survey, "families", lambda: (family,))
+    fill = np.zeros((4, 4, 4), np.uint8)
+    bulk = np.full(fill.shape, 255, np.uint8)
+    bulk[0, 0] = 0
+    grid = VoxelGrid(Frame((0, 0, 0), (1, 1, 1), fill.shape), fill, bulk if is_round else None)
+    notes = _survey.surveyed(grid, None, Survey(), None).findings.notes
+    assert [note.partition(":")[0] for note in notes] == ["the bulk is no box"] * is_round

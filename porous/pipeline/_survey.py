@@ -10,7 +10,7 @@ from porous.models.model import HasDoubts, HasLattice
 from porous.scale.costs import SURFACE_VOXELS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from porous.measures import LocalThickness
     from porous.models.model import Model
@@ -33,6 +33,10 @@ NO_SURFACE = (
     f"no surface: images of more than {SURFACE_VOXELS} voxels are measured by these alone; "
     "porous make makes one"
 )
+
+
+BOXED = ("geometric_tortuosity", "succolarity", "connectivity_density", "pore_chord_mean")
+"""Measures that want a bulk that is a box, as their names begin."""
 
 
 class Surveyed(NamedTuple):
@@ -66,5 +70,14 @@ def surveyed(
         found += family.take(sample)
         times[family.name] = time.perf_counter() - begin
         sample.tell(family.name, 1.0)
+    found += Findings(notes=tuple(_untold(grid, found)))
     phases = ("pore", "solid") if sample.has_both else ()
     return Surveyed(found, {phase: sample.thickness(phase) for phase in phases}, times)
+
+
+def _untold(grid: VoxelGrid, found: Findings) -> Iterator[str]:
+    """Say what is missing for want of a box."""
+    missing = [what for what in BOXED if not any(n.startswith(what) for n in found.measures.names)]
+    if grid.bulk is not None and missing:
+        words = ", ".join(what.replace("_", " ") for what in missing)
+        yield f"the bulk is no box: not told of it are {words}"
