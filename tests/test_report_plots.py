@@ -288,3 +288,10 @@ def test_legends_of_many_lines_stand_below_and_make_room():
     (many,) = plots([curve("c", f"s{i}", x, x) for i in range(15)])
     assert many.figure["layout"]["legend"]["yanchor"] == "top"
     assert many.figure["layout"]["height"] >= few.figure["layout"]["height"] + 15 * 20
+
+
+def test_lines_of_five_materials_can_be_told_apart():
+    x = np.array([0.0, 1.0])
+    (many,) = plots([curve("c", f"s{i}", x, x) for i in range(15)])
+    looks = {(t["line"]["color"], t["line"]["dash"]) for t in many.figure["data"]}
+    assert len(looks) == 15

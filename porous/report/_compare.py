@@ -12,7 +12,7 @@ from porous.recipe import dump
 from porous.report._agreement import agree, compared
 from porous.report._definitions import OTHERS, definition, definitions
 from porous.report._digits import half_text, unit_of, unit_text, value_text
-from porous.report._names import KEYS
+from porous.report._names import KEYS, called
 from porous.report._page import page
 from porous.report._plots import plots
 from porous.report._provenance import title_of, versions
@@ -152,7 +152,7 @@ def _listed(names: Sequence[str]) -> str:
 
 def _verdict(lines: Sequence[Line], first: str) -> str:
     both = [line for line in lines if sum(cell is not NONE for cell in line.cells) > 1]
-    apart = [line.name.replace("_", " ") for line in both if line.differs]
+    apart = [called(line.name) for line in both if line.differs]
     if not apart:
         return f"Of {len(both)} measures none differs from {first} beyond both uncertainties."
     shown = ", ".join(apart[:6]) + (" and more" if len(apart) > 6 else "")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from porous.report._definitions import definition
 from porous.report._digits import number
-from porous.report._svg import COLOURS, DASHES, LEGEND, SYMBOLS, axis, drawing
+from porous.report._svg import LEGEND, axis, drawing, look
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -215,8 +215,7 @@ def _traces(lines: Sequence[Curve]) -> list[dict[str, Any]]:
 
 
 def _line(line: Curve, place: int) -> dict[str, Any]:
-    colour = COLOURS[place % len(COLOURS)]
-    dash = PLOTLY_DASH[DASHES[place % len(DASHES)]]
+    colour, dash, symbol = look(place)
     shape = "hv" if line.drawn == "steps" else "linear"
     trace: dict[str, Any] = {
         "type": "scatter",
@@ -224,8 +223,8 @@ def _line(line: Curve, place: int) -> dict[str, Any]:
         "x": numbers(line.x),
         "y": numbers(line.y),
         "mode": "markers" if line.drawn == "points" or len(line.x) == 1 else "lines",
-        "line": {"color": colour, "dash": dash, "shape": shape, "width": 2},
-        "marker": {"color": colour, "symbol": SYMBOLS[place % len(SYMBOLS)], "size": 8},
+        "line": {"color": colour, "dash": PLOTLY_DASH[dash], "shape": shape, "width": 2},
+        "marker": {"color": colour, "symbol": symbol, "size": 8},
     }
     if line.drawn == "points" and line.low is not None and line.high is not None:
         above, below = numbers(line.high - line.y), numbers(line.y - line.low)
@@ -246,7 +245,7 @@ def _band(line: Curve, place: int) -> list[dict[str, Any]]:
         "showlegend": False,
         "x": numbers(line.x),
     }
-    tint = tuple(int(COLOURS[place % len(COLOURS)][i : i + 2], 16) for i in (1, 3, 5))
+    tint = tuple(int(look(place)[0][i : i + 2], 16) for i in (1, 3, 5))
     fill = {"fill": "tonexty", "fillcolor": f"rgba{(*tint, 0.18)}"}
     return [{**same, "y": numbers(line.low)}, {**same, **fill, "y": numbers(line.high)}]
 

@@ -26,6 +26,13 @@ COLOURS = ("#0b5fa5", "#b34700", "#00704f", "#8a3a7f", "#1d1d1d", "#7a5a00")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "12 4", "5 2 5 2 1 2")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "x", "cross")
 
+
+def look(place: int) -> tuple[str, str, str]:
+    """Return colour, dash and symbol of the line of that place; 36 differ."""
+    turn = place + place // len(COLOURS)
+    return COLOURS[place % len(COLOURS)], DASHES[turn % len(DASHES)], SYMBOLS[turn % len(SYMBOLS)]
+
+
 WIDTH, HEIGHT = 720, 400
 LEFT, RIGHT, TOP, BOTTOM = 78, 14, 14, 52
 LEGEND = 20
@@ -139,7 +146,7 @@ def axis(name: str, unit: str) -> str:
 
 
 def _curve(line: Curve, across: Scale, up: Scale, place: int) -> Iterator[str]:
-    colour, dash = COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)]
+    colour, dash, _ = look(place)
     steps = line.drawn == "steps"
     x = across(line.x)
     if line.low is not None and line.high is not None:
@@ -175,7 +182,7 @@ def _path(x: Floats, y: Floats, *, steps: bool) -> list[tuple[float, float]]:
 
 
 def _key(line: Curve, place: int) -> str:
-    colour, dash = COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)]
+    colour, dash, _ = look(place)
     y = HEIGHT + LEGEND * place + 8
     mark = (
         f'<path d="M{LEFT} {y}h36" stroke="{colour}" stroke-width="2" stroke-dasharray="{dash}"/>'
