@@ -26,13 +26,6 @@ COLOURS = ("#0b5fa5", "#b34700", "#00704f", "#8a3a7f", "#1d1d1d", "#7a5a00")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "12 4", "5 2 5 2 1 2")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "x", "cross")
 
-
-def look(place: int) -> tuple[str, str, str]:
-    """Return colour, dash and symbol of the line of that place; 36 differ."""
-    turn = place + place // len(COLOURS)
-    return COLOURS[place % len(COLOURS)], DASHES[turn % len(DASHES)], SYMBOLS[turn % len(SYMBOLS)]
-
-
 WIDTH, HEIGHT = 720, 400
 LEFT, RIGHT, TOP, BOTTOM = 78, 14, 14, 52
 LEGEND = 20
@@ -41,6 +34,12 @@ TICKS = 6
 
 CAPITAL = re.compile("[A-Z][a-z]")
 """How a name begins that is no sign."""
+
+
+def look(place: int) -> tuple[str, str, str]:
+    """Return colour, dash and symbol of the line of that place; 36 differ."""
+    turn = place + place // len(COLOURS)
+    return COLOURS[place % len(COLOURS)], DASHES[turn % len(DASHES)], SYMBOLS[turn % len(SYMBOLS)]
 
 
 @dataclass(frozen=True)
