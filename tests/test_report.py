@@ -424,6 +424,7 @@ def test_doubts_name_contradictions_resolution_and_spread(body):
             row("correlation_length", 0.3, "m", math.inf, "bound"),
             "0.3, by m: how far off is not known.",
         ),
+        (row("thin_wall_share", 0.83, "m", 0.829, "bound"), "by m: ± 100 %."),
         (row("porosity", 0.41, "m", 0.065, "standard"), "0.41 ± 0.13 (95 %), by m: ± 32 %."),
         (row("smallest_feature", 0.1, "lower bound", math.inf, "bound"), "at least 0.1; how far"),
     ],

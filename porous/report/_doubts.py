@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from porous.report._agreement import conflicts
-from porous.report._digits import half_width, is_noise, unit_of, value_text, width_text
+from porous.report._digits import half_width, is_noise, number, unit_of, value_text, width_text
 from porous.report._names import LABELS, called
 from porous.values.measure import ONE_SIDED
 
@@ -167,7 +167,8 @@ def _spread(row: Measure) -> str:
         return ""
     if not math.isfinite(half):
         return f"is {_valued(row)}, by {row.method}: how far off is not known."
-    share = f"± {100 * half / abs(row.value):.2g} %" if half < abs(row.value) else NOT_APART
+    part = 100 * half / abs(row.value) if row.value else math.inf
+    share = f"± {number(float(f'{part:.2g}'))} %" if part < 100 else NOT_APART
     return f"is {_shown(row)}, by {row.method}: {share}."
 
 
