@@ -25,6 +25,7 @@ from porous.workspace import LAST
 
 FAST = ["--set", "model.level=1", "--voxels", "9", "--set", "volume.method=voxel-hex"]
 FAST += ["--set", "surface.method=marching-cubes"]
+MAPS = ("pore_diameter", "wall_thickness")
 
 
 @pytest.fixture(autouse=True)
@@ -171,7 +172,9 @@ def test_measure_writes_a_report(capsys, tmp_path):
 
 def test_full_detail_is_a_flag_and_stands_in_the_recipe(capsys, tmp_path):
     rest = ["-o", str(tmp_path / "a"), "--only", "measures", "--detail", "full", *FAST]
-    assert main(["make", "menger", *rest, "--set", "report.maps=true"]) == 0
+    rest += ["--set", "report.maps=true", "--set", "report.smallest_wall=0.4"]
+    rest += ["--set", "report.smallest_gap=0.1"]
+    assert main(["make", "menger", *rest]) == 0
     capsys.readouterr()
     assert load(tmp_path / "a" / "recipe.toml").report.detail == "full"
     rows = csv.DictReader((tmp_path / "a" / "measures.csv").read_text().splitlines())
@@ -180,7 +183,11 @@ def test_full_detail_is_a_flag_and_stands_in_the_recipe(capsys, tmp_path):
         (row["name"], float(row["value"])) for row in rows if math.isfinite(float(row["value"]))
     ] == [(row["name"], row["value"]) for row in told if row["value"] is not None]
     maps = pyvista.read(tmp_path / "a" / "maps.vti")
-    assert set(maps.cell_data) == {"pore_diameter", "wall_thickness"}
+    assert set(maps.cell_data) == {*MAPS, "thin_wall", "narrow_gap"}
+    walls = maps["wall_thickness"]
+    assert (maps["thin_wall"] == walls * (walls < 0.4)).all()
+    assert maps["thin_wall"].any()
+    assert not maps["narrow_gap"].any()
 
 
 def test_measure_tells_the_finest_level_that_can_be_printed(capsys):

@@ -11,6 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from porous import disk, pipeline
 from porous.errors import DiskError, FormatError, RecipeError
 from porous.recipe import dump, files, load, with_files
@@ -544,10 +546,19 @@ def _tables(result: Result, stage: Path) -> None:
 
 
 def _maps(result: Result) -> VoxelMaps:
-    """Return how wide pores and how thick walls are, for a file."""
-    names = {"pore": "pore_diameter", "solid": "wall_thickness"}
-    frame = next(iter(result.maps.values())).frame
-    return VoxelMaps(frame, {names[k]: local.diameters for k, local in result.maps.items()})
+    """Return how wide pores and how thick walls are, and where less than the machine makes."""
+    asked = result.recipe.report if result.recipe else None
+    limits = {
+        "pore": ("pore_diameter", "narrow_gap", asked.smallest_gap if asked else None),
+        "solid": ("wall_thickness", "thin_wall", asked.smallest_wall if asked else None),
+    }
+    maps = {}
+    for phase, local in result.maps.items():
+        name, below, least = limits[phase]
+        maps[name] = local.diameters
+        if least is not None:
+            maps[below] = np.where(local.diameters < least, local.diameters, np.float32(0))
+    return VoxelMaps(next(iter(result.maps.values())).frame, maps)
 
 
 def _report(result: Result, path: Path, progress: Progress | None) -> None:
