@@ -24,7 +24,8 @@ from porous.measures import (
     surface_area,
     two_point,
 )
-from porous.measures._profiles import material
+from porous.measures._material import _errors, material
+from porous.values import Measures
 
 ALL = (True, True, True)
 ETA = 0.7
@@ -111,14 +112,17 @@ def test_a_sample_says_how_far_another_one_may_differ():
     rows = []
     for solid in bodies(shape, radius, 8):
         sample = Sample(grid_of(solid), how=Survey(beyond="unknown"))
+        lines = intercepts(sample.grid)
         length = correlation_length(two_point(sample.grid, longest=16.0)).value
-        rows.append([(r.value, r.uncertainty) for r in material(sample, length, 64**3)])
-    values, errors = np.moveaxis(np.array(rows), -1, 0)
+        told = material(sample, lines, Measures(), length, 64**3)
+        errors = _errors(sample, lines, sample.grid, 3)
+        some = zip(told, errors.values(), strict=False)
+        rows.append([(r.value, error, r.uncertainty) for r, error in some])
+    values, errors, doubts = np.moveaxis(np.array(rows), -1, 0)
     ratio = errors.mean(axis=0) / values.std(axis=0, ddof=1)
     assert ((ratio > 0.4) & (ratio < 2.5)).all()
-    assert [r.name for r in material(sample, length, 64**3)] == [
-        "material_porosity",
-        "material_specific_surface",
-    ]
+    # Rows are as doubtful as their blocks and the voxels together.
+    assert (doubts > errors).all()
+    assert [r.name for r in told][:2] == ["material_porosity", "material_specific_surface"]
     # Blocks are too small: nobody knows.
-    assert all(math.isinf(r.uncertainty) for r in material(sample, 10.0, 64**3))
+    assert all(math.isinf(r.uncertainty) for r in material(sample, lines, Measures(), 10.0, 64**3))

@@ -14,7 +14,7 @@ STUDIES = sorted(ANALYSIS.glob("*.py"))
 RESULTS = sorted((ANALYSIS / "results").glob("*.csv"))
 
 LONG = ("02_surface_speed", "05_cell_mesh_speed", "06_voxel_speed", "07_store_faults")
-LONG += ("08_larger_than_memory",)
+LONG += ("08_larger_than_memory", "12_sizes_against_porespy")
 """Studies that take long even in their short form."""
 
 each_study = pytest.mark.parametrize("study", STUDIES, ids=lambda p: p.stem)
