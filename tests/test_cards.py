@@ -39,7 +39,7 @@ def test_coordinates_keep_what_sixteen_characters_hold(points):
         for word, value in zip([line[8 + 16 * i :][:16] for i in range(3)], row, strict=True):
             assert "." in word
             size = abs(value)
-            bound = 5e-14 if size < 1 else 5.01e-13 * size if size < 1e12 else 5e-8 * size
+            bound = 5.01e-14 if size < 1 else 5.01e-13 * size if size < 1e12 else 5e-8 * size
             assert abs(float(word) - value) <= max(bound, 1e-300)
             if 1e-300 < size < 1e-5:
                 assert abs(float(word) - value) <= 5.01e-9 * size
