@@ -721,7 +721,7 @@ def test_what_a_sample_says_of_the_whole_is_among_the_doubts(body):
     ]
     said = doubts(replace(body, measures=Measures(tuple(rows))))
     assert said.first == (
-        "Of what the grid was cut out of the porosity is by blocks of it 0.3 ± 0.1 (95 %).",
+        "As a sample of a larger body, porosity: 0.3 ± 0.1 (95 %), by blocks.",
         "Of what the grid was cut out of is not known: area by volume.",
     )
 

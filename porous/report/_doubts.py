@@ -121,7 +121,7 @@ def _of_sampling(result: Result) -> Iterator[str]:
         if not math.isfinite(row.uncertainty):
             unknown.append(label)
         elif not _is_sure(row):
-            yield f"Of what the grid was cut out of the {label} is by blocks of it {_shown(row)}."
+            yield f"As a sample of a larger body, {label}: {_shown(row)}, by blocks."
     if unknown:
         yield f"Of what the grid was cut out of is not known: {', '.join(unknown)}."
 
