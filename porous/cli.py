@@ -11,16 +11,17 @@ import os
 import signal
 import sys
 import traceback
+import warnings
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
 from porous.disk import folder_for
 from porous.errors import Cancelled, ModelError, PorousError, RecipeError
 from porous.memory import limited
-from porous.terminal import Progress, complain, print_columns, print_result, quiet_warnings, tell
+from porous.terminal import Progress, columns, of_result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -85,7 +86,7 @@ def list_() -> None:
 
     tables = {name: read_table(presets.path_of(name)) for name in presets.names()}
     rows = [(name, table["model"]["kind"], table["title"]) for name, table in tables.items()]
-    print_columns(rows)
+    print(columns(rows))
 
 
 @app.command
@@ -146,7 +147,7 @@ def make(
     from porous.scale.estimate import check, estimate
 
     stored = out_of_core or cluster is not None
-    with limited(max_memory), _of(source), Progress() as progress:
+    with limited(max_memory), _of(source), Progress(_tell) as progress:
         recipe = _load(source, values, voxels, detail)
         _check_chunk(chunk, stored=stored)
         if stored:
@@ -157,7 +158,7 @@ def make(
         check(expected)
         if dry_run:
             return
-        tell(expected.summary)
+        _tell(expected.summary)
         if stored:
             how = {} if chunk is None else {"chunk": chunk}
             with _staying(out), _workers(cluster) as map_:
@@ -186,7 +187,7 @@ def resume(
     with (
         limited(max_memory),
         _staying(folder),
-        Progress() as progress,
+        Progress(_tell) as progress,
         _workers(cluster) as map_,
     ):
         made = workspace.resume(folder, map=map_, progress=progress)
@@ -207,7 +208,7 @@ def solve(
     """Run the deck in a folder in CalculiX or OpenFOAM; put there what it comes to."""
     from porous import workspace
 
-    with limited(max_memory), Progress() as progress:
+    with limited(max_memory), Progress(_tell) as progress:
         solved = workspace.solve(folder, program=program, time_limit=time_limit, progress=progress)
     _print_made(solved, folder, as_json=as_json, name="results")
 
@@ -245,7 +246,7 @@ def _print_made(
         print((folder / f"{name}.json").read_text(encoding="utf-8"), end="")
         return
     solved = name == "results"
-    print_result(made, every=solved)
+    print(of_result(made, every=solved))
     files = folder.glob("results.*" if solved else "*")
     print(f"{folder}: {', '.join(sorted(path.name for path in files))}")
 
@@ -271,7 +272,7 @@ def measure(
 
     detail = detail or ("full" if out is not None else None)
     place = contextlib.nullcontext() if out is None else folder_for(out)
-    with limited(max_memory), _of(source), place, Progress() as progress:
+    with limited(max_memory), _of(source), place, Progress(_tell) as progress:
         if workspace.is_recipe(source):
             result = workspace.measured(_load(source, values, voxels, detail), feature, progress)
         elif values or voxels or feature:
@@ -285,7 +286,7 @@ def measure(
     if as_json:
         print(workspace.rendered(workspace.record(result)), end="")
         return
-    print_result(result, every=True)
+    print(of_result(result, every=True))
 
 
 @app.command
@@ -334,7 +335,7 @@ def formats() -> None:
         read_as = form.reads.__name__ if form.reads else "–"
         written = ", ".join(kind.__name__ for kind in form.writes) or "–"
         rows.append((", ".join(form.suffixes), form.name, read_as, written))
-    print_columns(rows)
+    print(columns(rows))
 
 
 @app.command
@@ -343,7 +344,7 @@ def models() -> None:
     from porous.recipe import sections
 
     told = {kind: sys.modules[part.__module__].__doc__ or "" for kind, part in sections().items()}
-    print_columns([(kind, text.splitlines()[0]) for kind, text in told.items()])
+    print(columns([(kind, text.splitlines()[0]) for kind, text in told.items()]))
 
 
 @app.command
@@ -359,12 +360,12 @@ def materials(
         return
     tables = {one: read_table(presets.material_path(one)) for one in presets.material_names()}
     known = {one: sorted(set(of) - {"title", "source"}) for one, of in tables.items()}
-    print_columns([(one, of["title"], ", ".join(known[one])) for one, of in tables.items()])
+    print(columns([(one, of["title"], ", ".join(known[one])) for one, of in tables.items()]))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line; return its exit code."""
-    with quiet_warnings(), _terminated():
+    with _quiet_warnings(), _terminated():
         try:
             app(
                 sys.argv[1:] if argv is None else list(argv),
@@ -387,7 +388,7 @@ def _failed(error: BaseException) -> int:
     code, text = _verdict(error)
     if os.environ.get("POROUS_TRACEBACK"):
         traceback.print_exception(error)
-    complain(text)
+    _complain(text)
     return code
 
 
@@ -404,6 +405,31 @@ def _verdict(error: BaseException) -> tuple[int, str]:
         return 1, f"{error.filename or 'the disk'}: {(error.strerror or str(error)).lower()}"
     what = f"{type(error).__name__}: {error}"
     return 1, f"a fault of porous itself: {what} (POROUS_TRACEBACK=1 says where)"
+
+
+def _complain(text: str) -> None:
+    """Say what is wrong, in one line."""
+    _tell(f"porous: {' '.join(text.split())}")
+
+
+def _tell(text: str) -> None:
+    """Say something on stderr, if anybody listens."""
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def _quiet_warnings() -> Iterator[None]:
+    """Say warnings in one line; those of other people's packages are not for the user."""
+
+    def say(message: Warning | str, category: type[Warning], *_: Any) -> None:
+        if category.__module__.startswith("porous."):
+            _complain(f"warning: {message}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        warnings.showwarning = say  # type: ignore[assignment]
+        yield
 
 
 @contextlib.contextmanager

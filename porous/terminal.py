@@ -1,16 +1,14 @@
-"""What the command line says: measures as a table, progress, complaints."""
+"""What the command line says, as text: measures in a table, and how far the work is."""
 
 from __future__ import annotations
 
-import contextlib
 import math
 import sys
 import time
-import warnings
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from porous.pipeline import Result
     from porous.values import Measures
@@ -19,35 +17,11 @@ if TYPE_CHECKING:
 CLOSED = "closed form"
 
 
-def complain(text: str) -> None:
-    """Say what is wrong, in one line."""
-    tell(f"porous: {' '.join(text.split())}")
-
-
-def tell(text: str) -> None:
-    """Say something on stderr, if anybody listens."""
-    with contextlib.suppress(OSError):
-        print(text, file=sys.stderr, flush=True)
-
-
-@contextlib.contextmanager
-def quiet_warnings() -> Iterator[None]:
-    """Say warnings in one line; those of other people's packages are not for the user."""
-
-    def say(message: Warning | str, category: type[Warning], *_: Any) -> None:
-        if category.__module__.startswith("porous."):
-            complain(f"warning: {message}")
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        warnings.showwarning = say  # type: ignore[assignment]
-        yield
-
-
 class Progress:
-    """What is being done, on stderr: a bar on a terminal, else a line for every stage."""
+    """What is being done: a bar on a terminal, else a line for every stage, which ``say`` gets."""
 
-    def __init__(self) -> None:
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self.say = say
         self.begun: dict[str, float] = {}
         self.bar: Any = None
         self.tasks: dict[str, Any] = {}
@@ -79,20 +53,20 @@ class Progress:
         begin = self.begun.setdefault(stage, now)
         if done >= 1:
             del self.begun[stage]
-            tell(f"{stage}: {now - begin:.1f} s")
+            self.say(f"{stage}: {now - begin:.1f} s")
 
 
-def print_result(result: Result | Solved, *, every: bool) -> None:
-    """Print measures, notes and certificate of a result; every row, or the best of each measure."""
-    print_measures(result.measures, every=every)
-    for note in result.notes:
-        print(f"note: {note}")
+def of_result(result: Result | Solved, *, every: bool) -> str:
+    """Return measures, notes and certificate; every row, or the best of each measure."""
+    parts = [_of_measures(result.measures, every=every)]
+    parts += [f"note: {note}" for note in result.notes]
     if getattr(result, "certificate", None) is not None:
-        print(result.certificate)  # type: ignore[union-attr]
+        parts.append(str(result.certificate))  # type: ignore[union-attr]
+    return "\n".join(parts)
 
 
-def print_measures(measures: Measures, *, every: bool) -> None:
-    """Print what was measured, the best row of each or every one, closed forms beside it."""
+def _of_measures(measures: Measures, *, every: bool) -> str:
+    """Return what was measured, the best row of each or every one, closed forms beside it."""
     known = {row.name: row for row in measures if row.method == CLOSED}
     lines = [("measure", "value", "", "unit", "method", "of", CLOSED)]
     for name in measures.names:
@@ -105,7 +79,7 @@ def print_measures(measures: Measures, *, every: bool) -> None:
         for row in rows:
             unit = "" if row.unit == "1" else row.unit
             lines.append((name, _number(row.value), row.spread, unit, row.method, row.of, beside))
-    print_columns(lines)
+    return columns(lines)
 
 
 def _number(value: float) -> str:
@@ -114,9 +88,7 @@ def _number(value: float) -> str:
     return f"{value:.6g}"
 
 
-def print_columns(rows: Sequence[Sequence[str]]) -> None:
-    """Print rows of texts, each column as wide as its widest."""
+def columns(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of texts as lines, each column as wide as its widest."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        print("  ".join(cells).rstrip())
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
