@@ -10,7 +10,7 @@ import numpy as np
 
 from porous.errors import GridError
 from porous.measures._sample import Sample
-from porous.measures._thickness import within_bulk
+from porous.measures._thickness import check_sizes, within_bulk
 from porous.measures._trapped import missed_by
 from porous.memory import check_memory
 from porous.values import Measure, Measures
@@ -74,15 +74,7 @@ class MercuryIntrusion(Value):
         self._set("diameters", frozen(self.diameters, np.float32))
         self._set("sizes", frozen(self.sizes, np.float64))
         self._set("shares", frozen(self.shares, np.float64))
-        if self.diameters.shape != self.frame.shape:
-            raise GridError(
-                f"diameters: got shape {self.diameters.shape}; the frame has {self.frame.shape}"
-            )
-        if self.sizes.ndim != 1 or self.sizes.shape != self.shares.shape:
-            raise GridError(
-                f"sizes and shares: got shapes {self.sizes.shape} and {self.shares.shape}; wanted "
-                "one of each"
-            )
+        check_sizes(self.frame, self.diameters, self.sizes, self.shares)
 
     @property
     def reached(self) -> float:

@@ -77,20 +77,26 @@ class LocalThickness(Value):
         self._set("diameters", frozen(self.diameters, np.float32))
         self._set("sizes", frozen(self.sizes, np.float64))
         self._set("shares", frozen(self.shares, np.float64))
-        if self.diameters.shape != self.frame.shape:
-            raise GridError(
-                f"diameters: got shape {self.diameters.shape}; the frame has {self.frame.shape}"
-            )
-        if self.sizes.ndim != 1 or self.sizes.shape != self.shares.shape or not len(self.sizes):
-            raise GridError(
-                f"sizes and shares: got shapes {self.sizes.shape} and {self.shares.shape}; wanted "
-                "one of each, at least"
-            )
+        check_sizes(self.frame, self.diameters, self.sizes, self.shares)
+        if not len(self.sizes):
+            raise GridError("sizes and shares: got none; wanted one of each, at least")
 
     def quantile(self, part: float) -> float:
         """Return the diameter that this part of the phase's volume does not exceed."""
         place = np.searchsorted(np.cumsum(self.shares), part * (1 - 1e-12))
         return float(self.sizes[min(int(place), len(self.sizes) - 1)])
+
+
+def check_sizes(
+    frame: Frame, diameters: NDArray[np.float32], sizes: Floats, shares: Floats
+) -> None:
+    """Raise ``GridError`` where a map of diameters is not the frame's, or its sizes lack shares."""
+    if diameters.shape != frame.shape:
+        raise GridError(f"diameters: got shape {diameters.shape}; the frame has {frame.shape}")
+    if sizes.ndim != 1 or sizes.shape != shares.shape:
+        raise GridError(
+            f"sizes and shares: got shapes {sizes.shape} and {shares.shape}; wanted one of each"
+        )
 
 
 def local_thickness(
