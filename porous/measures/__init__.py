@@ -79,6 +79,7 @@ from porous.measures._surface_area import (
 )
 from porous.measures._survey import families, survey
 from porous.measures._thickness import LocalThickness, local_thickness, thicknesses
+from porous.measures._together import taken
 from porous.measures._topology import (
     components,
     components_26,
@@ -172,6 +173,7 @@ __all__ = [
     "succolarity",
     "surface_area",
     "survey",
+    "taken",
     "thicknesses",
     "thin_wall_share",
     "through_porosity_x",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Progress = Callable[[str, float], None]
+
+T = TypeVar("T")
 
 LEAST = 4
 """Voxels that the shortest edge of a coarser grid has at least."""
@@ -98,7 +100,7 @@ class Family:
 
 
 class Sample:
-    """A grid under survey.
+    """A grid under survey; several threads may ask, what they share is worked out once.
 
     Parameters
     ----------
@@ -110,6 +112,8 @@ class Sample:
         What is asked for.
     progress
         Called with what is being done and its share done, from 0 to 1; raising in it cancels.
+    census
+        Of the grid, with what has been counted of it; a new one where not given.
     """
 
     def __init__(
@@ -119,33 +123,40 @@ class Sample:
         model: Model | None = None,
         how: Survey | None = None,
         progress: Progress | None = None,
+        census: Census | None = None,
     ) -> None:
         self.grid, self.model, self.progress = grid, model, progress
         self.how = how or Survey()
-        self._squares: dict[str, Squares] = {}
-        self._thickness: dict[str, tuple[LocalThickness, Widths]] = {}
+        self.census = Census(grid) if census is None else census
+        self._kept: dict[str, object] = {}
+        self._locks: dict[str, threading.RLock] = {}
+        self._gate = threading.Lock()
+
+    def _once(self, name: str, make: Callable[[], T]) -> T:
+        """Return what ``make`` returned when it was first asked for by this name."""
+        with self._gate:
+            lock = self._locks.setdefault(name, threading.RLock())
+        with lock:
+            if name not in self._kept:
+                self._kept[name] = make()
+            return self._kept[name]  # type: ignore[return-value]
 
     @property
     def frame(self) -> Frame:
         """Where the voxels lie."""
         return self.grid.frame
 
-    @cached_property
-    def census(self) -> Census:
-        """The counts of the grid."""
-        return Census(self.grid)
-
     def has(self, phase: str) -> bool:
         """Tell whether a phase, pore or solid, has any voxel that counts."""
-        return bool(self._fraction[phase])
+        return self._once(f"{phase} is there", lambda: self._has(phase))
 
-    @cached_property
-    def _fraction(self) -> dict[str, int]:
-        solid = int(np.count_nonzero(self.grid.solid))
+    def _has(self, phase: str) -> bool:
+        if phase == "solid":
+            return bool(self.grid.solid.any())
         pores = ~self.grid.solid
         if self.grid.bulk is not None:
             pores &= self.grid.bulk >= 128
-        return {"solid": solid, "pore": int(np.count_nonzero(pores))}
+        return bool(pores.any())
 
     @property
     def has_both(self) -> bool:
@@ -164,17 +175,15 @@ class Sample:
 
     def squares(self, phase: str) -> Squares:
         """Return the squared distances of a phase's voxels to the other phase; kept."""
-        if phase not in self._squares:
-            from porous.kernels.distance import squared_distances
+        return self._once(f"squares of {phase}", lambda: self._squares(phase))
 
-            voxels = voxels_of(self.grid, phase, self.how.beyond, "distances", EACH)
-            self._squares[phase] = squared_distances(
-                voxels.mask,
-                self.frame.spacing,
-                periodic=self.frame.periodic,
-                walled=voxels.walled,
-            )
-        return self._squares[phase]
+    def _squares(self, phase: str) -> Squares:
+        from porous.kernels.distance import squared_distances
+
+        frame, voxels = self.frame, voxels_of(self.grid, phase, self.how.beyond, "distances", EACH)
+        return squared_distances(
+            voxels.mask, frame.spacing, periodic=frame.periodic, walled=voxels.walled
+        )
 
     def thickness(self, phase: str) -> LocalThickness:
         """Return the local thickness of a phase; kept.
@@ -205,13 +214,13 @@ class Sample:
         return self._local(phase)[1]
 
     def _local(self, phase: str) -> tuple[LocalThickness, Widths]:
-        if phase not in self._thickness:
-            self._thickness[phase] = local_and_widths(
-                self.grid, phase, self.how.beyond, self.squares(phase), self.progress
-            )
-        return self._thickness[phase]
+        def make() -> tuple[LocalThickness, Widths]:
+            squares = self.squares(phase)
+            return local_and_widths(self.grid, phase, self.how.beyond, squares, self.progress)
 
-    @cached_property
+        return self._once(f"thickness of {phase}", make)
+
+    @property
     def coarse(self) -> Sample | None:
         """The same body at half the resolution: a number there tells how far off it is here.
 
@@ -219,6 +228,9 @@ class Sample:
         that are not periodic. None where the grid is too small, or cannot be halved along a
         periodic axis.
         """
+        return self._once("coarse", self._coarse)
+
+    def _coarse(self) -> Sample | None:
         shape = self.frame.shape
         odd = any(n % 2 and wraps for n, wraps in zip(shape, self.frame.periodic, strict=True))
         if odd or min(shape) < 2 * LEAST:

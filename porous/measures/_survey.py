@@ -1,4 +1,4 @@
-"""All that takes longer: families of measures, one file each, taken one after the other."""
+"""All that takes longer: families of measures, one file each."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from porous.errors import GridError, nearest
 from porous.measures._sample import Family, Findings, Sample
+from porous.measures._together import taken
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -57,7 +58,8 @@ def survey(
     only
         Names of families to take, all where not given.
     progress
-        Called with the family's name and its share done, from 0 to 1; raising in it cancels.
+        Called with a family's name and its share done, from 0 to 1; raising in it cancels. Two are
+        under way at a time, and told of in turns.
 
     Returns
     -------
@@ -79,10 +81,5 @@ def survey(
         sample = subject
     else:
         sample = Sample(subject, model=model, how=how, progress=progress)
-    found = Findings()
-    for name, family in known.items():
-        if only is None or name in only:
-            sample.tell(name, 0.0)
-            found += family.take(sample)
-            sample.tell(name, 1.0)
-    return found
+    wanted = [family for name, family in known.items() if only is None or name in only]
+    return sum((each.findings for each in taken(wanted, sample).values()), Findings())

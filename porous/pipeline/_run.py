@@ -151,10 +151,11 @@ def examine(
     progress
         As for ``run``.
     """
-    from porous.measures import measure, roughness_of_sides
+    from porous.measures import Census, measure, roughness_of_sides
 
     begin = time.perf_counter()
-    measures = measure(value, progress=progress)
+    census = Census(value) if isinstance(value, Tiled) else None
+    measures = measure(census or value, progress=progress)
     if isinstance(value, Tiled):
         measures += roughness_of_sides(value)
     made = Result(None, measures=measures, times={"measures": time.perf_counter() - begin})
@@ -164,7 +165,7 @@ def examine(
     if not isinstance(value, VoxelGrid):
         why = IN_MEMORY if isinstance(value, Tiled) else OF_MESHES
         return replace(made, notes=(*made.notes, why))
-    found = surveyed(value, None, Survey(beyond="unknown"), progress)
+    found = surveyed(value, census, None, Survey(beyond="unknown"), progress)
     return replace(
         made,
         measures=measures + found.findings.measures,

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, NamedTuple
 
-from porous.measures import Findings, Sample, Survey, families
+from porous.measures import Findings, Sample, Survey, families, taken
 from porous.models.model import HasDoubts, HasLattice
 from porous.scale.costs import SURFACE_VOXELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from porous.measures import LocalThickness
+    from porous.measures import Census, LocalThickness
     from porous.models.model import Model
     from porous.recipe import Recipe
     from porous.values import VoxelGrid
@@ -40,7 +39,7 @@ BOXED = ("geometric_tortuosity", "succolarity", "connectivity_density", "pore_ch
 
 
 class Surveyed(NamedTuple):
-    """What was found, local thicknesses by phase, and the seconds that each family took."""
+    """What was found, local thicknesses by phase, and each family's seconds, beside others."""
 
     findings: Findings
     maps: Mapping[str, LocalThickness]
@@ -60,18 +59,22 @@ def how_of(recipe: Recipe, model: Model) -> Survey:
 
 
 def surveyed(
-    grid: VoxelGrid, model: Model | None, how: Survey, progress: Progress | None
+    grid: VoxelGrid,
+    census: Census | None,
+    model: Model | None,
+    how: Survey,
+    progress: Progress | None,
 ) -> Surveyed:
-    """Return what all families find out about a grid; each is told of under its own name."""
-    sample, found, times = Sample(grid, model=model, how=how, progress=progress), Findings(), {}
-    for family in families():
-        begin = time.perf_counter()
-        sample.tell(family.name, 0.0)
-        found += family.take(sample)
-        times[family.name] = time.perf_counter() - begin
-        sample.tell(family.name, 1.0)
+    """Return what all families find out about a grid; each is told of under its own name.
+
+    What has been counted of the grid already, the census tells.
+    """
+    sample = Sample(grid, census=census, model=model, how=how, progress=progress)
+    each = taken(families(), sample)
+    found = sum((one.findings for one in each.values()), Findings())
     found += Findings(notes=tuple(_untold(grid, found)))
     phases = ("pore", "solid") if sample.has_both else ()
+    times = {name: one.seconds for name, one in each.items()}
     return Surveyed(found, {phase: sample.thickness(phase) for phase in phases}, times)
 
 

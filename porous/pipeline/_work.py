@@ -100,6 +100,7 @@ class Work:
         self.volume: VolumeMesh | None = None
         self.job: Job | None = None
         self.measures = Measures()
+        self.census: Census | None = None
         self.findings, self.maps = Findings(), dict[str, "LocalThickness"]()
         self.certificate: Certificate | None = None
         self.is_exact = self.is_cleaned = False
@@ -422,8 +423,8 @@ class Work:
         if not isinstance(self.grid, VoxelGrid):
             self.notes.append(IN_MEMORY)
             return
-        model = None if self.is_cleaned else self.model
-        found = surveyed(self.grid, model, how_of(self.recipe, self.model), self.progress)
+        model, how = None if self.is_cleaned else self.model, how_of(self.recipe, self.model)
+        found = surveyed(self.grid, self.census, model, how, self.progress)
         self.findings, self.maps = found.findings, dict(found.maps)
         self.measures += found.findings.measures
         self.times |= found.times
@@ -433,7 +434,8 @@ class Work:
 
         The latter says how far off its numbers may be.
         """
-        of_model, of_grid = {"model": self.model}, {"model": self.model, "grid": self._census()}
+        self.census = self._census()
+        of_model, of_grid = {"model": self.model}, {"model": self.model, "grid": self.census}
         of_surface = of_model if self.is_exact else of_grid
         altered = self.surface is not None and any(self.surface.altered)
         of_filled = of_grid if altered else of_surface
@@ -447,7 +449,7 @@ class Work:
         yield self.volume, of_volume.get(self.filled, {})
 
     def _census(self) -> Census | None:
-        """Return what counts the grid: once, whatever asks for it."""
+        """Return what counts the grid."""
         from porous.measures import Census
         from porous.models.model import HasBulk
 
