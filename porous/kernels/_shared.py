@@ -101,6 +101,15 @@ def slabs(
 
 
 @kernel
+def popcount(x):
+    """Return the number of set bits, as uint64; one machine instruction once compiled."""
+    x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
+
+
+@kernel
 def stroke(column, start, low, high, depths, row):
     # Sample c of voxel k lies at k + depths[row, c]; only a span's first and last voxel can be
     # partly inside.

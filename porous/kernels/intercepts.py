@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.kernels._shared import kernel, slabs, source
+from porous.kernels._shared import kernel, popcount, slabs, source
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,15 +87,6 @@ def _packed(codes: Bytes, reach: int, size: int, *, wraps: bool) -> Words:
 
 
 @kernel
-def _popcount(x):
-    """Return the number of set bits, as uint64; one machine instruction once compiled."""
-    x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
-    x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
-    x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
-
-
-@kernel
 def _changes(words, n, steps, wraps, first, last, counts):
     nx, ny = words.shape[:2]
     full = ~np.uint64(0)
@@ -126,7 +117,7 @@ def _changes(words, n, steps, wraps, first, last, counts):
                         both &= end
                     after = (there[w + 1, 1] << high) << np.uint64(1)
                     other = here[w, 1] ^ ((there[w, 1] >> low) | after)
-                    known += _popcount(both)
-                    differ += _popcount(both & other)
+                    known += popcount(both)
+                    differ += popcount(both & other)
         counts[m, 0] += np.int64(differ)
         counts[m, 1] += np.int64(known)

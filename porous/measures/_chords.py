@@ -21,11 +21,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.kernels.chords import Runs
+    from porous.kernels.chords import Phase, Runs
     from porous.measures._phase import Voxels
     from porous.values.tiled import Tiled
 
-    Bytes = NDArray[np.uint8]
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
 
@@ -143,77 +142,54 @@ def chord_lengths(grid: Tiled, *, phase: str = "pore", beyond: str = "void") -> 
     GridError
         For an unknown phase, or one that is missing.
     """
+    from porous.kernels.chords import phase_of, turned
+
     voxels = voxels_of(grid, phase, beyond, "chord lengths", BYTES)
-    axes = tuple(_along(voxels, axis) for axis in range(3))
+    bits = phase_of(voxels.mask, voxels.bulk)
+    lines = ((bits, 0), (bits, 1), (turned(bits), 1))
+    axes = tuple(_along(voxels, axis, *along) for axis, along in enumerate(lines))
     return ChordLengths(phase, grid.frame.unit, axes)  # type: ignore[arg-type]
 
 
-def _along(voxels: Voxels, axis: int) -> Chords:
-    from porous.kernels.chords import OTHER, UNKNOWN, runs_along
+def _along(voxels: Voxels, axis: int, bits: Phase, place: int) -> Chords:
+    """Return the chords along an axis, which is x or y (``place``) of the bits."""
+    from porous.kernels.chords import runs_along
 
-    frame = voxels.frame
-    n, wraps = frame.shape[axis], frame.periodic[axis]
-    beyond = OTHER if voxels.walled else UNKNOWN
-    codes = _codes(voxels, axis)
-    found = runs_along(codes, wraps=wraps, beyond=beyond)
-    cut = found.halves + found.pieces
+    h, wraps = voxels.frame.spacing[axis], voxels.frame.periodic[axis]
+    found = runs_along(bits, place, wraps=wraps, goes_on=not voxels.walled)
     ends = int(2 * found.whole.sum() + found.halves.sum())
-    fine, h = _mean(found, frame.spacing[axis], n), 2 * frame.spacing[axis]
-    coarse = [
-        _mean(runs_along(some, wraps=wraps, beyond=beyond), h, some.shape[-1])
-        for some in _every_other(codes, wraps=wraps)
-    ]
-    told = [mean for mean in coarse if not math.isnan(mean)]
+    fine = _mean(_inside(found, voxels.frame.shape[axis]), ends, h)
+    each = zip(found.voxels.tolist(), found.ends.tolist(), strict=True)
+    told = [_mean(*every_other, 2 * h) for every_other in each if every_other[1]]
     return Chords(
-        frame.spacing[axis],
+        h,
         found.whole,
-        cut,
+        found.halves + found.pieces,
         ends,
         found.endless,
         max(told, key=lambda mean: abs(mean - fine), default=math.nan),
-        _places(voxels, axis),
+        _places(voxels, axis, bits, place),
     )
 
 
-def _codes(voxels: Voxels, axis: int) -> Bytes:
-    from porous.kernels.chords import UNKNOWN
-
-    codes: Bytes = voxels.mask.view(np.uint8)
-    if voxels.bulk is not None:
-        codes = np.where(voxels.bulk, codes, np.uint8(UNKNOWN))
-    return np.ascontiguousarray(np.moveaxis(codes, axis, -1))
-
-
-def _every_other(codes: Bytes, *, wraps: bool) -> Iterator[Bytes]:
-    """Yield lines of every other voxel, from the first and from the second on.
-
-    Closed lines of an odd number of voxels have them all, in two turns.
-    """
-    n = codes.shape[-1]
-    if wraps and n % 2:
-        yield codes[..., 2 * np.arange(n) % n]
-        return
-    yield codes[..., ::2]
-    if n > 1:
-        yield codes[..., 1::2]
-
-
-def _mean(runs: Runs, spacing: float, n: int) -> float:
-    ends = 2 * runs.whole.sum() + runs.halves.sum()
+def _inside(runs: Runs, n: int) -> int:
+    """Return how many voxels of lines of n lie in runs."""
     counts = runs.whole + runs.halves + runs.pieces
-    voxels = np.arange(len(counts)) @ counts + runs.endless * n
-    return float(2 * spacing * voxels / ends) if ends else math.nan
+    return int(np.arange(len(counts)) @ counts) + runs.endless * n
 
 
-def _places(voxels: Voxels, axis: int) -> Ints:
-    from porous.kernels.chords import UNKNOWN, runs_along
+def _mean(voxels: int, ends: int, spacing: float) -> float:
+    return 2 * spacing * voxels / ends if ends else math.nan
+
+
+def _places(voxels: Voxels, axis: int, bits: Phase, place: int) -> Ints:
+    from porous.kernels.chords import runs_along
 
     n, wraps = voxels.frame.shape[axis], voxels.frame.periodic[axis]
     if voxels.bulk is None:
         lines = voxels.frame.size // n
         return lines * (np.full(n, n) if wraps else np.arange(n, 0, -1))
-    bulk = np.moveaxis(voxels.bulk, axis, -1).astype(np.uint8)
-    runs = runs_along(bulk, wraps=wraps, beyond=UNKNOWN)
+    runs = runs_along(bits.bulk, place, wraps=wraps, goes_on=True)
     counts = runs.whole + runs.halves + runs.pieces
     return np.asarray(_fitting(counts) + runs.endless * n, np.int64)
 
