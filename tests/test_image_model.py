@@ -15,7 +15,7 @@ from porous import formats
 from porous.errors import GridError, ModelError, RecipeError
 from porous.models.image import Segmented, segment
 from porous.models.model import HasFill, HasLattice, HasNotes, Model
-from porous.models.threshold import levels_of, otsu
+from porous.models.threshold import levels_of, otsu, within
 from porous.pipeline import run
 from porous.recipe import build, files, load, parse
 from porous.stages import SampledModel, voxelize
@@ -38,6 +38,22 @@ def naive_otsu(values):
 
 
 # --- thresholds --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["?", "i1", "u2", "i4", "f4"])
+@pytest.mark.parametrize("axes", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_levels_and_choices_do_not_depend_on_the_order_in_memory(form, axes):
+    numbers = np.random.default_rng(3).integers(-90, 90, (70, 131, 66)).astype(form)
+    values = numbers.transpose(axes)[
+        ::-1, 2:
+    ]  # a line and a part of one, more rows than go at once
+    chosen = within(values, -3, 40)
+    assert chosen.flags.c_contiguous
+    assert np.array_equal(chosen, (values >= -3) & (values <= 40))
+    levels, counts = np.unique(values, return_counts=True)
+    if form != "f4":  # floats are sorted in steps
+        assert np.array_equal(levels_of(values).first, levels)
+        assert np.array_equal(levels_of(values).counts, counts)
 
 
 @given(st.lists(st.integers(0, 40), min_size=8, max_size=60), st.sampled_from([1, 7, 1000, 0.37]))

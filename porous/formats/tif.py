@@ -87,10 +87,39 @@ def _stack(source: Source, pages: list[Page], words: dict[str, str]) -> NDArray[
     width = np.dtype(first.form).itemsize
     most = sum(page.most for page in pages) * (8 if first.bits == 1 else 1)
     images.check_size((columns, rows, len(pages)), width, most)
+    there = _as_they_lie(data, pages)
+    if there is not None:
+        return there
     result = np.empty((len(pages), rows, columns), first.form.newbyteorder("="))
     for k, page in enumerate(pages):
         result[k] = page.voxels(data)
     return result
+
+
+def _as_they_lie(data: memoryview, pages: list[Page]) -> NDArray[Any] | None:
+    """Return a view of layers that lie in the file as in memory, None where they do not."""
+    first, start = pages[0], int(pages[0].offsets[0])
+    rows, columns = first.shape
+    size = rows * columns * first.form.itemsize
+    if not first.form.isnative or start % first.form.itemsize or not all(map(_lies_whole, pages)):
+        return None
+    gaps = np.diff([int(page.offsets[0]) for page in pages])
+    if len(gaps) and ((gaps != gaps[0]).any() or gaps[0] < size or gaps[0] % first.form.itemsize):
+        return None
+    steps = (int(gaps[0]) if len(gaps) else size, columns * first.form.itemsize)
+    strides = (*steps, first.form.itemsize)
+    return np.ndarray((len(pages), rows, columns), first.form, data, start, strides)
+
+
+def _lies_whole(page: Page) -> bool:
+    """Whether a page's voxels lie row by row, in strips that follow on each other."""
+    plain = page.compression == tiff.NONE and page.predictor == 1 and page.bits > 1
+    if not plain or page.tiled or page.negative:
+        return False
+    (rows, columns), high = page.shape, page.piece[0]
+    tops = np.append(np.arange(0, rows, high), rows) * (columns * page.form.itemsize)
+    ends = np.append(page.offsets, page.offsets[-1] + page.counts[-1]) - page.offsets[0]
+    return np.array_equal(ends, tops) and np.array_equal(page.counts, np.diff(tops))
 
 
 def _after_one_page(data: memoryview, page: Page, layers: int) -> NDArray[Any]:

@@ -65,6 +65,8 @@ def levels_of(values: NDArray[Any]) -> Levels:
     ModelError
         Where none of them is finite.
     """
+    if values.dtype.kind != "f" and values.dtype.itemsize <= 2 and values.dtype.isnative:
+        return _few_levels(values)
     low, high, bad = _range(values)
     counts = np.zeros(STEPS, np.int64)
     first: Floats
@@ -80,6 +82,21 @@ def levels_of(values: NDArray[Any]) -> Levels:
             counts += np.bincount(np.clip(steps, 0, STEPS - 1).astype(np.int64), minlength=STEPS)
     there = np.flatnonzero(counts)
     return Levels(low, high, first[there], first[there] + width, counts[there], bad)
+
+
+def _few_levels(values: NDArray[Any]) -> Levels:
+    """Return the levels of whole numbers of up to 16 bits, each of which is counted."""
+    from porous.kernels.greys import level_counts
+
+    plain = f"u{values.itemsize}"
+    counts = sum(level_counts(slab.ravel("K").view(plain)) for slab in _slabs(values))
+    found = np.flatnonzero(counts)
+    # Bits of a negative number are those of one beyond all that are not.
+    levels = found.astype(plain).view(values.dtype).astype(np.int64)
+    order = np.argsort(levels)
+    levels, counts = levels[order], counts[found][order]
+    each = levels.astype(np.float64)
+    return Levels(int(levels[0]), int(levels[-1]), each, each, counts, 0)
 
 
 def _range(values: NDArray[Any]) -> tuple[float, float, int]:
@@ -149,14 +166,22 @@ def within(values: NDArray[Any], low: float, high: float) -> Flags:
     if values.dtype.kind != "f":  # as whole numbers, of which no wide one loses its last digits
         low = math.ceil(low) if math.isfinite(low) else low
         high = math.floor(high) if math.isfinite(high) else high
+
+    def inside(part: NDArray[Any]) -> Flags:
+        found = np.asarray(part >= low, np.bool_)
+        if math.isfinite(high):
+            found &= part <= high
+        elif part.dtype.kind == "f":
+            found &= np.isfinite(part)
+        return found
+
+    along_x, _, along_z = map(abs, values.strides)
+    if along_x < along_z:
+        from porous.kernels.greys import turned
+
+        return turned(inside, values)
     result = np.empty(values.shape, np.bool_)
     rows = max(1, SLAB * len(values) // max(values.size, 1))
     for start in range(0, len(values), rows):
-        part = values[start : start + rows]
-        inside = part >= low
-        if math.isfinite(high):
-            inside &= part <= high
-        elif part.dtype.kind == "f":
-            inside &= np.isfinite(part)
-        result[start : start + rows] = inside
+        result[start : start + rows] = inside(values[start : start + rows])
     return result
