@@ -1,14 +1,17 @@
 """What kernel files share: the house decorator, its cache, one array type, threads and strokes.
 
-numba's cache does not notice an edit to a function called from another file, so kernels call only
-their own file and this one, and the cache lies in a folder named after the text of all of them.
+Compiled kernels are kept by the text that they are made from: that of their own file, of this one,
+and of those of this folder that their file imports from. So no edit meets a stale one, and an edit
+elsewhere, or another copy of the package, costs nobody anything.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
+import re
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,17 +21,29 @@ import numba
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 
-def _cache_folder():
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
+IMPORTS = re.compile(rb"from porous\.kernels\.(\w+) import")
+
+
+@functools.cache
+def _digest(path: str) -> str:
+    """Return what tells the text of a file, and of those it takes from, from others."""
+    texts, left = dict[str, bytes](), [Path(path).stem]
+    while left:
+        name = left.pop()
+        texts[name] = Path(path).with_name(f"{name}.py").read_bytes()
+        left += {found.decode() for found in IMPORTS.findall(texts[name])} - {*texts, *left}
+    return hashlib.sha256(b"".join(texts[name] for name in sorted(texts))).hexdigest()[:16]
+
+
+@functools.cache
+def _folder(digest: str) -> str:
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(home) / "porous" / f"kernels-{digest.hexdigest()[:16]}"
+    folder = Path(home) / "porous" / f"kernels-{digest}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -37,13 +52,47 @@ def _cache_folder():
         return tempfile.mkdtemp(prefix="porous-kernels-")
 
 
-if "NUMBA_CACHE_DIR" not in os.environ:
-    numba.config.CACHE_DIR = _cache_folder()  # type: ignore[attr-defined]
+class ByText:
+    """Where numba keeps a compiled function: by the text it was made from, wherever that lies."""
+
+    def __init__(self, function: Callable[..., Any], path: str) -> None:
+        self._line, self._digest = function.__code__.co_firstlineno, _digest(path)
+
+    from_function = classmethod(lambda cls, function, path: cls(function, path))
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return _folder(self._digest)
+
+    def ensure_cache_path(self) -> None:
+        """Raise OSError where the folder is not there."""
+        Path(self.get_cache_path()).mkdir(parents=True, exist_ok=True)
+
+    def get_source_stamp(self) -> str:
+        """Return what has to be the same for a function to be taken from there."""
+        return self._digest
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of the same name apart."""
+        return str(self._line)
+
+
+@contextlib.contextmanager
+def _kept_by_text() -> Iterator[None]:
+    """Let numba keep what is decorated meanwhile where ``ByText`` says, and nothing else."""
+    before = numba.config.CACHE_LOCATOR_CLASSES  # type: ignore[attr-defined]
+    numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.ByText"  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        numba.config.CACHE_LOCATOR_CLASSES = before  # type: ignore[attr-defined]
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function once, cached, free of the interpreter's lock: the house decorator."""
-    made = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    own = contextlib.nullcontext() if "NUMBA_CACHE_DIR" in os.environ else _kept_by_text()
+    with own:
+        made = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     cache = getattr(made, "_cache", None)  # not there where numba is told not to compile
     if cache is not None:
         save = cache.save_overload
