@@ -66,7 +66,7 @@ def naive_ways(squares, outside, periodic):
     """Go on from voxel to voxel, always from the widest way there is."""
     result = np.zeros_like(squares)
     begin = map(tuple, np.argwhere(outside & (squares > 0)).tolist())
-    queue = [(-squares[place], place) for place in begin]
+    queue = [(-float(squares[place]), place) for place in begin]
     heapq.heapify(queue)
     while queue:
         ball, place = heapq.heappop(queue)
@@ -75,7 +75,7 @@ def naive_ways(squares, outside, periodic):
         result[place] = -ball
         for other, _ in near(place, squares.shape, periodic):
             if squares[other] and not result[other]:
-                heapq.heappush(queue, (max(ball, -squares[other]), other))
+                heapq.heappush(queue, (max(ball, -float(squares[other])), other))
     return result
 
 

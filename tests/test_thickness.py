@@ -75,11 +75,22 @@ def test_distances_are_those_of_scipy(spacing, periodic, walled):
         found = squared_distances(mask, spacing, periodic=periodic, walled=walled)
         wanted = naive_squares(mask, spacing, periodic, walled)
         assert found.values == pytest.approx(wanted, rel=1e-12)
-        assert found.values.dtype == (np.float64 if spacing == SPACINGS[2] else np.int32)
+        assert found.values.dtype == (np.float64 if spacing == SPACINGS[2] else np.uint16)
 
 
 def test_nothing_to_be_far_from_is_far():
     assert squared_distances(np.ones((3, 4, 5), bool), (1, 1, 1)).values.min() == 1 << 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("length", [256, 257, 400])
+def test_squares_take_the_room_that_they_need(axis, length):
+    place = np.moveaxis(np.broadcast_to(np.arange(length), (3, 3, length)), 2, axis)
+    squares = squared_distances(place > 0, (1, 1, 1))
+    assert squares.values.dtype == (np.uint16 if length == 256 else np.int32)
+    assert np.array_equal(squares.values, place.astype(np.int64) ** 2)
+    assert largest_balls(squares).max() == (length - 1) ** 2
 
 
 @pytest.mark.parametrize("spacing", SPACINGS)

@@ -169,7 +169,7 @@ def tally(balls: Numbers, counted: NDArray[np.bool_], wide: Widths, step: float)
 
 def _direct(balls: Numbers) -> bool:
     """Tell whether squares are so small whole numbers that they are places in a row."""
-    return balls.dtype.kind == "i" and float(balls.max(initial=0)) < CLASSES
+    return balls.dtype.kind in "iu" and float(balls.max(initial=0)) < CLASSES
 
 
 def _planes(shape: tuple[int, ...]) -> int:
@@ -291,7 +291,9 @@ def _ridge(squares, balls, weights, wraps, walled, found, first, last):
                                 lowest &= walled == 1
                                 continue
                             step = weights[0] * x * x + weights[1] * y * y + weights[2] * z * z
-                            if step and np.sqrt(squares[a, b, c]) >= depth + STEEP * np.sqrt(step):
+                            if step and np.sqrt(
+                                np.float64(squares[a, b, c])
+                            ) >= depth + STEEP * np.sqrt(step):
                                 lowest = False
                         if not lowest:
                             break

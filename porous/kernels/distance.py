@@ -7,6 +7,7 @@ cross (P. F. Felzenszwalb, D. P. Huttenlocher, Theory of Computing 8, 2012).
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     Axes = tuple[bool, bool, bool]
     Progress = Callable[[int, int], None]
-    Numbers = NDArray[np.int32] | NDArray[np.float64]
+    Numbers = NDArray[np.uint16] | NDArray[np.int32] | NDArray[np.float64]
 
 SLAB = 1 << 21
 """Voxels that one kernel call looks at, about."""
@@ -44,9 +45,10 @@ NOWHERE = 1 << 24
 class Squares(NamedTuple):
     """Squared distances in units of ``step``, the shortest edge of a voxel.
 
-    ``values`` are int32 where the ratios of the edges have whole squares (cubes have), else
-    float64; 0 outside of the mask, and ``FAR`` or more where nothing lies outside of it. A vector
-    (i, j, k) of voxels has the square ``weights`` · (i², j², k²).
+    ``values`` are whole numbers where the ratios of the edges have whole squares (cubes have),
+    uint16 where these fit and else int32; otherwise they are float64. They are 0 outside of the
+    mask, and ``FAR`` or more where nothing lies outside of it. A vector (i, j, k) of voxels has the
+    square ``weights`` · (i², j², k²).
     """
 
     values: Numbers
@@ -89,29 +91,48 @@ def squared_distances(
     reach = float(weights @ np.add(mask.shape, 1.0) ** 2)
     exact = bool(np.allclose(weights, whole, rtol=1e-12, atol=0)) and reach < FAR
     weights = whole if exact else weights
-    result = np.empty(mask.shape, np.int32 if exact else np.float64)
+    far = float(max(FAR, 2 * reach))
+    if (walled and not all(periodic)) or not mask.all():
+        for dtype in (np.uint16, np.int32) if exact else (np.float64,):
+            top = float(np.iinfo(dtype.__name__).max) if exact else math.inf
+            values = np.empty(mask.shape, dtype)
+            ends = [1 if wraps else 2 * int(walled) for wraps in periodic]
+            if _transform(mask, weights, ends, (min(far, top), top), values, progress):
+                return Squares(values, weights, step)
+    return Squares(np.full(mask.shape, far, np.int32 if exact else np.float64), weights, step)
+
+
+def _transform(
+    mask: NDArray[np.bool_],
+    weights: NDArray[np.float64],
+    ends: list[int],
+    limits: tuple[float, float],
+    result: Numbers,
+    progress: Progress | None,
+) -> bool:
+    """Set squared distances; tell whether all are below the first limit, if it is the second."""
     given, flat = source(mask, np.bool_).view(np.uint8), result.reshape(-1)
     x, y, z = mask.shape
-    far = float(max(FAR, 2 * reach))
-    ends = [1 if wraps else 2 * int(walled) for wraps in periodic]
     total = 2 * x + y
+    largest: list[float] = []
 
     def told(before: int) -> Progress | None:
         return None if progress is None else lambda done, _: progress(before + done, total)
 
     def rows(a: int, b: int) -> None:
-        _rows(given, weights[2], ends[2], far, result, a, b)
+        _rows(given, weights[2], ends[2], limits[0], result, a, b)
 
     def along_y(a: int, b: int) -> None:
-        _lines(flat, (y, z), (y * z, z), (weights[1], far), ends[1], a, b)
+        _lines(flat, (y, z), (y * z, z), (weights[1], *limits), ends[1], a, b)
 
     def along_x(a: int, b: int) -> None:
-        _lines(flat, (x, z), (z, y * z), (weights[0], far), ends[0], a, b)
+        most = _lines(flat, (x, z), (z, y * z), (weights[0], *limits), ends[0], a, b)
+        largest.append(float(most))
 
     slabs(x, max(1, SLAB // (y * z)), rows, told(0))
     slabs(x, max(1, SLAB // (y * z)), along_y, told(x))
     slabs(y, max(1, SLAB // (x * z)), along_x, told(2 * x))
-    return Squares(result, weights, step)
+    return max(largest) < limits[1]
 
 
 @kernel
@@ -132,24 +153,30 @@ def _rows(mask, weight, ends, far, out, first, last):
                 away[k] = below
             for k in range(n - 1, -1, -1):
                 above = min(above + 1, np.int64(away[k]))
-                out[i, j, k] = far if above == NOWHERE else above * above * weight
+                out[i, j, k] = far if above == NOWHERE else min(far, above * above * weight)
 
 
 @kernel
 def _lines(flat, counts, strides, scale, ends, first, last):
     # Lines of counts[0] voxels; counts[1] of them lie side by side. Beyond the line's own voxels
-    # there are sources: its own again (ends 1), or one at each end (ends 2).
+    # there are sources: its own again (ends 1), or one at each end (ends 2). Return the largest
+    # square; none rises above scale[2].
     n, side = counts
-    weight, far = scale
+    weight, far, _ = scale
+    most = 0.0
     around = np.empty((n + 2 * NEAR) * WIDE, flat.dtype)
     best = np.empty(WIDE, flat.dtype)
     for outer in range(first, last):
         for k in range(0, side, WIDE):
             place = (outer * strides[0] + k, strides[1], min(WIDE, side - k))
             _fetch(flat, place, n, far, ends, around)
-            if weight * NEAR * NEAR < FAR and _look(flat, place, n, weight, around, best):
-                continue
-            _envelopes(flat, place, n, scale, ends, around)
+            largest = -1.0
+            if weight * NEAR * NEAR < far:
+                largest = _look(flat, place, n, scale, around, best)
+            if largest < 0.0:
+                largest = _envelopes(flat, place, n, scale, ends, around)
+            most = max(most, largest)
+    return most
 
 
 @kernel
@@ -171,11 +198,12 @@ def _fetch(flat, place, n, far, ends, around):
 
 
 @kernel
-def _look(flat, place, n, weight, around, best):
-    # Step by step from each voxel; tell whether that was enough everywhere. Loops without a way
-    # out are those that are done for many lines at once.
+def _look(flat, place, n, scale, around, best):
+    # Step by step from each voxel; return the largest, or -1 where that was not enough. Loops
+    # without a way out are those that are done for many lines at once.
     base, stride, wide = place
-    enough = True
+    weight, _, top = scale
+    enough, largest = True, flat.dtype.type(0)
     for p in range(n):
         here = np.uint64((p + NEAR) * WIDE)
         most = flat.dtype.type(0)
@@ -186,27 +214,29 @@ def _look(flat, place, n, weight, around, best):
         while enough and step <= NEAR and weight * step * step < most:
             for ahead in range(step, step + STEPS):
                 low, high = here - np.uint64(ahead * WIDE), here + np.uint64(ahead * WIDE)
-                rise = flat.dtype.type(weight * ahead * ahead)
+                rise = flat.dtype.type(min(weight * ahead * ahead, top))
+                most = flat.dtype.type(top - rise)
                 for c in range(WIDE):
-                    near = min(around[low + np.uint64(c)], around[high + np.uint64(c)])
+                    near = min(around[low + np.uint64(c)], around[high + np.uint64(c)], most)
                     best[c] = min(best[c], flat.dtype.type(near + rise))
             most = flat.dtype.type(0)
             for c in range(WIDE):
                 most = max(most, best[c])
             step += STEPS
         enough &= weight * step * step >= most
+        largest = max(largest, most)
         at = np.uint64(base + p * stride)
         for c in range(wide):
             flat[at + np.uint64(c)] = best[c]
-    return enough
+    return np.float64(largest) if enough else -1.0
 
 
 @kernel
 def _envelopes(flat, place, n, scale, ends, around):
     # Where parabolas cross, line by line.
     base, stride, wide = place
-    weight, far = scale
-    pad = 0
+    weight, far, limit = scale
+    pad, largest = 0, 0.0
     if ends == 1:
         pad = n // 2
     if ends == 2:
@@ -247,11 +277,13 @@ def _envelopes(flat, place, n, scale, ends, around):
         if top >= 0:
             bounds[top + 1] = np.inf
         for p in range(n):
-            if top < 0:
-                flat[at] = around[(p + NEAR) * WIDE + c]
-            else:
+            square = line[p + pad]
+            if top >= 0:
                 while bounds[v + 1] < p + pad:
                     v += 1
                 gap = p + pad - hull[v]
-                flat[at] = line[hull[v]] + weight * gap * gap
+                square = min(line[hull[v]] + weight * gap * gap, limit)
+            flat[at] = square
+            largest = max(largest, square)
             at += stride
+    return largest

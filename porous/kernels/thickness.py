@@ -109,7 +109,7 @@ def _planes(shape: tuple[int, ...]) -> int:
 
 
 def _whole(given: Numbers) -> bool:
-    return given.dtype.kind == "i"
+    return given.dtype.kind in "iu"
 
 
 def _balls(given: Numbers, weights: Floats, wraps: Integers) -> _Balls:
@@ -118,7 +118,8 @@ def _balls(given: Numbers, weights: Floats, wraps: Integers) -> _Balls:
     width = max(1.0, math.ceil(largest / CLASSES)) if _whole(given) else largest / 2**16
     needs = np.zeros((math.ceil(largest / max(width, 1e-300)) + 2, 8), given.dtype)
     half = 0.5 if _whole(given) else 0.0
-    _reaches(weights, width, half, needs)
+    top = float(np.iinfo(given.dtype.name).max) if _whole(given) else math.inf
+    _reaches(weights, width, half, top, needs)
     scale = (half, 1 / max(width, 1e-300))
     found: dict[int, tuple[Integers, Numbers]] = {}
     dtype = np.int16 if max(given.shape) < 1 << 15 else np.int32
@@ -176,17 +177,17 @@ def _place(rows, keys, places, table):
 
 
 @kernel
-def _reaches(weights, width, half, needs):
+def _reaches(weights, width, half, most, needs):
     # needs[b, v - 1]: how large the square of a ball about v must be, one of the seven steps to
     # neighbours, if it is to hold all balls of class b about 0. That is more than the largest
     # square of x - v over the x of such balls; x and v point away from each other.
     top = len(needs) - 1
     reach = np.zeros(needs.shape, np.float64)
-    most = top * width
-    for i in range(np.int64(np.sqrt(most / weights[0])) + 1):
-        for j in range(np.int64(np.sqrt(most / weights[1])) + 1):
+    end = top * width
+    for i in range(np.int64(np.sqrt(end / weights[0])) + 1):
+        for j in range(np.int64(np.sqrt(end / weights[1])) + 1):
             k, plane = 0, weights[0] * i * i + weights[1] * j * j
-            while plane + weights[2] * k * k < most:
+            while plane + weights[2] * k * k < end:
                 b = np.int64((plane + weights[2] * k * k) / width)
                 for v in range(1, 8):
                     x, y, z = i + (v >> 2), j + ((v >> 1) & 1), k + (v & 1)
@@ -197,7 +198,8 @@ def _reaches(weights, width, half, needs):
         for v in range(7):
             if b > 0:
                 reach[b, v] = max(reach[b, v], reach[b - 1, v])
-            needs[b, v] = reach[b, v] + 1.0 if half else reach[b, v] * (1.0 + 2.0 * SLACK)
+            need = reach[b, v] + 1.0 if half else reach[b, v] * (1.0 + 2.0 * SLACK)
+            needs[b, v] = min(need, most)
 
 
 @kernel

@@ -164,7 +164,7 @@ def _planes(shape: tuple[int, ...]) -> int:
 def _levels(squares: Squares) -> Floats | None:
     """Return the squares that can occur, ascending, or None for all whole numbers."""
     largest = float(squares.values.max(initial=0))
-    if squares.values.dtype == np.int32 and largest <= LEVELS:
+    if squares.values.dtype.kind in "iu" and largest <= LEVELS:
         return None
     counts = [math.isqrt(int(largest / w)) + 2 for w in squares.weights]
     if math.prod(counts) > 4 * LEVELS:
