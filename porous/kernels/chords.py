@@ -64,9 +64,9 @@ def phase_of(mask: Bools, known: Bools | None = None) -> Phase:
         Shape (x, y, z): where one looks; everywhere where not given.
     """
     if known is None:
-        return Phase(_packed(mask), source(np.zeros((0, 0, 0)), np.uint64), mask.shape)  # type: ignore[arg-type]
+        return Phase(_packed(mask), source(np.zeros((0, 0, 0)), np.uint64), mask.shape)
     bits = _packed(known)
-    return Phase(source(_packed(mask) & bits, np.uint64), bits, mask.shape)  # type: ignore[arg-type]
+    return Phase(source(_packed(mask) & bits, np.uint64), bits, mask.shape)
 
 
 def _packed(mask: Bools) -> Words:

@@ -22,11 +22,14 @@ if TYPE_CHECKING:
     from porous.values import Frame
     from porous.values.tiled import Tiled
 
+    Complexes = NDArray[np.complex128]
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
     Index = tuple[int, int, int]
 
-BYTES = 26.0
-"""Memory per voxel of the grid with what is added for lags across its sides."""
+
+SLAB = 1 << 17
+"""Numbers that are transformed at once, about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +106,10 @@ def two_point(grid: Tiled, *, phase: str = "pore", longest: float | None = None)
     reach = _reach(frame, longest)
     most = _lags(frame, reach)
     sizes = _sizes(frame, most)
-    each = BYTES * float(np.prod([a / n for a, n in zip(sizes, frame.shape, strict=True)]))
-    voxels = voxels_of(grid, phase, "void", "two-point correlation", each)
-    hits = _correlated(voxels.counted, sizes)
-    pairs = _box_pairs(frame, most) if voxels.bulk is None else _correlated(voxels.bulk, sizes)
+    voxels = voxels_of(grid, phase, "void", "two-point correlation", _bytes(frame, sizes, most))
+    hits = _correlated(voxels.counted, sizes, most)
+    bulk = voxels.bulk
+    pairs = _box_pairs(frame, most) if bulk is None else _correlated(bulk, sizes, most)
     axes = tuple(_along(hits, pairs, axis, n) for axis, n in enumerate(most))
     distances, values, lags = _averaged(_planes(hits, pairs, most), frame.spacing, reach)
     return TwoPoint(
@@ -147,17 +150,68 @@ def _sizes(frame: Frame, most: Index) -> Index:
     return tuple(n if wraps else next_fast_len(n + k, real=True) for n, k, wraps in each)  # type: ignore[return-value]
 
 
-def _correlated(mask: Bools, sizes: Index) -> Floats:
-    """Return how many pairs of voxels of a mask have each lag; negative lags from the ends."""
-    from scipy.fft import irfftn, rfftn
+def _bytes(frame: Frame, sizes: Index, most: Index) -> float:
+    """Return the memory that is needed per voxel."""
+    lags = (2 * most[0] + 1) * (most[1] + 1) * (2 * most[2] + 1)
+    across = frame.shape[1] * frame.shape[2] + (most[1] + 1) * (2 * most[2] + 1)
+    # Masks, complex numbers of both steps, counts of both halves, and the same of pairs.
+    return 3 + (16 * (sizes[0] // 2 + 1) * across + 4 * 8 * lags) / frame.size
 
-    from porous.kernels._shared import threads
 
-    spectrum = rfftn(mask.astype(np.float64), s=sizes, workers=threads(), overwrite_x=True)
-    spectrum *= spectrum.conj()
-    counts = irfftn(spectrum, s=sizes, workers=threads(), overwrite_x=True)
-    np.rint(counts, out=counts)
-    return np.asarray(counts, np.float64)
+def _correlated(mask: Bools, sizes: Index, most: Index) -> Floats:
+    """Return how many pairs of voxels of a mask have each lag; negative lags from the ends.
+
+    Shape (kx + 1, 2 ky + 1, 2 kz + 1), along x none that are negative. One axis after another is
+    transformed, of as little as there is, plane by plane, and only lags that are wanted go back.
+    """
+    from scipy.fft import hfft, rfft
+
+    from porous.kernels._shared import slabs
+
+    _, ny, nz = mask.shape
+    (wide, deep), (mx, my, mz) = sizes[:2], most
+    spectrum = np.empty((wide // 2 + 1, ny, nz), np.complex128)
+
+    def there(a: int, b: int) -> None:
+        spectrum[:, a:b] = rfft(mask[:, a:b].astype(np.float64), n=wide, axis=0)
+
+    slabs(ny, max(1, SLAB // (wide * nz)), there)
+    lags = np.empty((len(spectrum), my + 1, 2 * mz + 1), np.complex128)
+
+    def planes(a: int, b: int) -> None:
+        for k in range(a, b):
+            lags[k] = _plane(spectrum[k], sizes[1:], most[1:])
+
+    slabs(len(spectrum), max(1, SLAB // (deep * sizes[2])), planes)
+    counts = np.empty((2 * mx + 1, my + 1, 2 * mz + 1))
+
+    def back(a: int, b: int) -> None:
+        found = hfft(lags[:, a:b], n=wide, axis=0)[_upto(mx, wide)]
+        np.rint(np.abs(found) / math.prod(sizes), out=counts[:, a:b])
+
+    slabs(my + 1, max(1, SLAB // (wide * lags.shape[2])), back)
+    # A lag has as many pairs as the one the other way round.
+    x, z = -np.arange(mx + 1), -_upto(mz, 2 * mz + 1)
+    other = counts[np.ix_(x, np.arange(my, 0, -1), z)]
+    return np.concatenate([counts[: mx + 1], other], axis=1)
+
+
+def _plane(spectrum: Complexes, sizes: tuple[int, int], most: tuple[int, int]) -> Complexes:
+    """Return the correlation of planes, as it is transformed across them: half along y."""
+    from scipy.fft import fft, rfft
+
+    along_z = fft(spectrum, n=sizes[1], axis=1)
+    both = fft(along_z, n=sizes[0], axis=0)
+    power = both.real**2 + both.imag**2
+    # Transforms of what is real have one half; all go forwards, so that lags are the other way
+    # round along each axis, which is the same.
+    half = rfft(power, axis=0)[: most[0] + 1]
+    return np.asarray(fft(half, axis=1)[:, _upto(most[1], sizes[1])])
+
+
+def _upto(most: int, size: int) -> Ints:
+    """Return where lags of 0, 1, …, most and −most, …, −1 are."""
+    return np.roll(np.arange(-most, most + 1), -most) % size
 
 
 def _box_pairs(frame: Frame, most: Index) -> Floats:
