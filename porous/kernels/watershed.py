@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from porous.kernels._shared import kernel, slabs
-from porous.kernels._touches import WIDE, ZERO, Touches
+from porous.kernels._touches import MIDDLE, WIDE, Lattice, Touches, touching
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -84,17 +84,6 @@ class Basins(NamedTuple):
     periods: NDArray[np.int32]
 
 
-class _Lattice(NamedTuple):
-    """A grid, the axes along which it closes, and the period that a voxel lies in of its basin.
-
-    Where no axis is periodic, there is one number for all voxels.
-    """
-
-    shape: NDArray[np.int64]
-    wraps: NDArray[np.int64]
-    periods: NDArray[np.int16]
-
-
 def basins(
     squares: Squares,
     mask: NDArray[np.bool_],
@@ -137,7 +126,7 @@ def basins(
     roots = _plateaus(heights, shape, wraps, uphill)
     labels = np.zeros(mask.size, np.int32)
     labels[roots] = np.arange(1, len(roots) + 1)
-    lattice = _Lattice(shape, wraps, np.zeros(mask.size if any(periodic) else 1, np.int16))
+    lattice = Lattice(shape, wraps, np.zeros(mask.size if any(periodic) else 1, np.int16))
     for a in range(0, mask.size, SLAB):
         _follow(uphill, labels, *lattice, a, min(a + SLAB, mask.size))
         if progress is not None:
@@ -168,33 +157,13 @@ def _plateaus(heights, shape, wraps, uphill):
     return roots[np.lexsort((roots, -heights[roots]))]
 
 
-def _touching(labels, heights, lattice, endless, *, told, progress):
-    """Return pairs of basins that touch, and the largest height at which they do; see ``_touches``.
-
-    Where ``told``, keys are twice as large, and one more where a third basin is next to either.
-    """
-    rows, step = int(np.prod(lattice.shape[:2])), max(1, SLAB // int(lattice.shape[2]))
-    asked = int(told)
-    parts = [Touches.room(0) for _ in range(0, rows, step)]
-
-    def work(a, b):
-        found = _touch(labels, heights, *lattice, endless, asked, a, b, *Touches.room(0)[:2])
-        if found:
-            part = Touches.room(found)
-            _touch(labels, heights, *lattice, endless, asked, a, b, *part[:2])
-            parts[a // step] = part.reduced()
-
-    slabs(rows, step, work, progress)
-    return Touches(*(np.concatenate(all_) for all_ in zip(*parts, strict=True))).reduced()
-
-
 def _throats(labels, heights, lattice, endless, progress):
     """Return pairs of basins with a throat of their own, the height of it, and the periods.
 
     Basins that touch next to third ones for the most part meet in a line or a point. They have no
     throat, unless nothing else joined them: the widest such places first.
     """
-    found = _touching(labels, heights, lattice, endless, told=True, progress=progress)
+    found = touching(labels, heights, lattice, endless, told=True, progress=progress)
     third = found.keys % 2
     signed = found.counts * np.where(third, -CROWDED, 1)
     pairs = Touches(found.keys // 2, found.saddles, signed).reduced()
@@ -216,7 +185,7 @@ def _joined(labels, heights, roots, lattice, numbers, progress):
     its own image without a throat.
     """
     endless = np.zeros(len(roots) + 1, np.int64)
-    touches = _touching(labels, heights, lattice, endless, told=False, progress=progress)
+    touches = touching(labels, heights, lattice, endless, told=False, progress=progress)
     parent, shifts = np.arange(len(roots) + 1, dtype=np.int32), np.zeros_like(endless)
     peaks = np.concatenate([[0], roots])
     depths = heights[peaks]
@@ -239,18 +208,7 @@ def _joined(labels, heights, roots, lattice, numbers, progress):
 @kernel
 def _part(periods, axis):
     # Periods along one axis.
-    for _ in range(2 - axis):
-        periods = (periods - (((periods + 16) & 31) - 16)) >> WIDE
-    return ((periods + 16) & 31) - 16
-
-
-@kernel
-def _without(periods, axes):
-    # Periods but for those along some axes.
-    for axis in range(3):
-        if axes >> axis & 1:
-            periods -= _part(periods, axis) << WIDE * (2 - axis)
-    return periods
+    return (((periods + MIDDLE) >> WIDE * (2 - axis)) & 31) - 16
 
 
 @kernel
@@ -407,91 +365,6 @@ def _follow(uphill, labels, shape, wraps, periods, first, last):
                 periods[v] = period
                 period += _crossed(v, u, shape, wraps)
             v = u
-
-
-@kernel
-def _on_a_side(v, shape):
-    ny, nz = shape[1], shape[2]
-    i, j, k = v // (ny * nz), v // nz % ny, v % nz
-    return not (0 < i < shape[0] - 1 and 0 < j < ny - 1 and 0 < k < nz - 1)
-
-
-@kernel
-def _third(labels, both, told, shape, wraps, periods, near):
-    # Whether a basin that is none of two voxels' lies next to one of them; u lies ``across`` so
-    # many periods from v, and its basin's image is ``apart`` so many from that of v's.
-    (u, v), (across, apart, axes) = both, told
-    a, b, wound = labels[v], labels[u], len(periods) > 1
-    for place in (v, u):
-        here = 0
-        if wound:
-            here = periods[v] + (across if place == u else 0)
-        crossing = wound and _on_a_side(place, shape)
-        for s in range(_around(place, shape, wraps, near)):
-            w = near[s]
-            label, other = labels[w], 0
-            if label == 0:
-                continue
-            if wound:
-                other = here - periods[w]
-                if crossing:
-                    other += _crossed(place, w, shape, wraps)
-                other = _without(other, axes)
-            if not ((label == a and other == 0) or (label == b and other == apart)):
-                return 1
-    return 0
-
-
-@kernel
-def _touch(labels, heights, shape, wraps, periods, endless, asked, first, last, keys, saddles):
-    # Pairs of voxels of two basins, or of one and its image, told once, or only counted where there
-    # is no room to tell.
-    n, wound, size = shape[2], len(periods) > 1, np.int64(len(endless))
-    count, near = 0, np.empty(26, np.int64)
-    for row in range(first, last):
-        i, j, here = row // shape[1], row % shape[1], row * n
-        for s in range(26):
-            step, d = AROUND[s], AROUND[s, 2]
-            if step[0] > 0 or (step[0] == 0 and (step[1] > 0 or (step[1] == 0 and d > 0))):
-                continue  # the other voxel of the pair tells
-            base = _row(i, j, step, shape, wraps)
-            if base < 0:
-                continue
-            over = (i + step[0]) // shape[0] << 2 * WIDE
-            over += (j + step[1]) // shape[1] << WIDE
-            low, high = max(0, -d), n - max(0, d)
-            for part in range(2):
-                u, v, many, across = base + low + d, here + low, high - low, over
-                if part == 1:
-                    if d == 0 or not wraps[2]:
-                        continue
-                    u, v, many, across = base, here + n - 1, 1, over + d
-                    if d < 0:
-                        u, v = base + n - 1, here
-                for k in range(many):
-                    a, b, apart = labels[v + k], labels[u + k], 0
-                    if a == 0 or b == 0 or (a == b and not wound):
-                        continue
-                    axes = 0
-                    if wound:
-                        apart = across + periods[v + k] - periods[u + k]
-                        if apart != 0:
-                            axes = endless[a] | endless[b]
-                            apart = _without(apart, axes)
-                    if a == b and apart == 0:
-                        continue
-                    if len(keys):
-                        turned = a > b or (a == b and apart < 0)
-                        key = np.int64(min(a, b)) * size + max(a, b)
-                        key = (key << 3 * WIDE) + (-apart if turned else apart) + ZERO
-                        if asked:
-                            both, axes = (u + k, v + k), endless[a] | endless[b]
-                            told = across, apart, axes
-                            key = 2 * key + _third(labels, both, told, shape, wraps, periods, near)
-                        keys[count] = key
-                        saddles[count] = min(heights[u + k], heights[v + k])
-                    count += 1
-    return count
 
 
 @kernel

@@ -38,6 +38,9 @@ the lesser, and by more than so many voxels, which is how far the lattice is off
 BYTES = 32.0
 """Memory per voxel."""
 
+COUNTED = 1 << 20
+"""Voxels that are counted at a time."""
+
 POINTS = 256
 """Points of a curve, at most."""
 
@@ -173,7 +176,7 @@ def _network(sample: Sample) -> PoreNetwork:
         progress=lambda done, count: sample.tell(METHOD, done / count),
     )
     labels, n = found.labels, len(found.peaks)
-    counts = np.bincount(labels.ravel(), minlength=n + 1)[1:]
+    counts = _counts(labels, n)
     places = np.unravel_index(found.peaks, frame.shape)
     return PoreNetwork(
         frame,
@@ -186,6 +189,14 @@ def _network(sample: Sample) -> PoreNetwork:
         2 * sample.half_widths("pore", found.saddles.astype(np.float64)),
         found.periods,
     )
+
+
+def _counts(labels: NDArray[np.int32], n: int) -> NDArray[np.int64]:
+    """Return how many voxels each of the labels 1 … n has; few at a time, for they are copied."""
+    flat, counts = labels.reshape(-1), np.zeros(n + 1, np.int64)
+    for a in range(0, len(flat), COUNTED):
+        counts += np.bincount(flat[a : a + COUNTED], minlength=n + 1)
+    return counts[1:]
 
 
 def _cut(found: Basins, frame: Frame, beyond: Bools | None) -> Bools:
