@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
     from porous.measures._census import Census
     from porous.measures._sample import Sample
-    from porous.values import Frame, VoxelGrid
+    from porous.values import Frame
 
     Floats = NDArray[np.float64]
-    Index = tuple[int, int, int]
+    Ints = NDArray[np.int64]
 
-SLAB = 1 << 22
-"""Voxels that are looked at at once, about."""
+WHOLE = 64 * 255
+"""A voxel in parts of which fractions are whole numbers: 64ths and 255ths."""
 
 CELLS = (24, 12, 6)
 """Into how many cells the shortest edge is cut, of at least two voxels: boxes are made of them."""
@@ -56,18 +56,6 @@ def _fractions(census: Census) -> tuple[Floats, Floats]:
     )
 
 
-def _planes(sample: Sample) -> Iterator[tuple[slice, Sums]]:
-    """Yield the solid and the bulk of each voxel, some planes across x at a time."""
-    grid, (fills, bulks) = sample.grid, _fractions(sample.census)
-    nx, ny, nz = grid.frame.shape
-    step = max(1, SLAB // (ny * nz))
-    for a in range(0, nx, step):
-        part = slice(a, min(a + step, nx))
-        solid = fills[grid.fill[part]]
-        bulk = np.ones((1, 1, 1)) if grid.bulk is None else bulks[grid.bulk[part]]
-        yield part, Sums(np.minimum(solid, bulk), np.broadcast_to(bulk, solid.shape))
-
-
 def porosity_profiles(sample: Sample) -> tuple[Curve, ...]:
     """Return the porosity of each layer of voxels along x, y and z, by voxel fill.
 
@@ -85,14 +73,12 @@ def porosity_profiles(sample: Sample) -> tuple[Curve, ...]:
         porosity_profile along x, y and z, over the places of the layers' centres; none where there
         is no bulk.
     """
-    frame = sample.frame
-    sums = [Sums(np.zeros(n), np.zeros(n)) for n in frame.shape]
-    for part, voxels in _planes(sample):
-        for total, given in zip(zip(*sums, strict=True), voxels, strict=True):
-            total[0][part] += given.sum(axis=(1, 2))
-            total[1][:] += given.sum(axis=(0, 2))
-            total[2][:] += given.sum(axis=(0, 1))
-    layers = enumerate(found.porosity for found in sums)
+    from porous.kernels.sums import layer_sums
+
+    grid, frame = sample.grid, sample.frame
+    fills, bulks = (np.rint(WHOLE * parts).astype(np.int64) for parts in _fractions(sample.census))
+    sums = layer_sums(grid.fill, grid.bulk, (fills, bulks))
+    layers = enumerate(Sums(solid / WHOLE, bulk / WHOLE).porosity for solid, bulk in sums)
     return tuple(_profile(frame, axis, told) for axis, told in layers if np.isfinite(told).any())
 
 
@@ -181,49 +167,34 @@ def _cells(sample: Sample) -> Cells | None:
         np.rint(np.arange(int(length / edge * (1 + 1e-9)) + 1) * edge / h).astype(np.int64)
         for length, h in zip(lengths, frame.spacing, strict=True)
     ]
-    solid, bulk, area = (np.zeros([len(b) - 1 for b in bounds]) for _ in range(3))
-    for i, (a, b) in enumerate(zip(bounds[0], bounds[0][1:], strict=False)):
-        for total, given in zip((solid, bulk, area), _layer(sample, a, b), strict=True):
-            total[i] = _summed(given.sum(axis=0), bounds[1], bounds[2])
+    solid, bulk, area = _sums(sample, bounds)
     x, y, z = (np.diff(b).astype(np.float64) for b in bounds)
     return Cells(edge, most, solid, bulk, area, x[:, None, None] * y[:, None] * z)
 
 
-def _summed(plane: Floats, y: NDArray[np.int64], z: NDArray[np.int64]) -> Floats:
-    whole = plane[: y[-1], : z[-1]]
-    return np.asarray(np.add.reduceat(np.add.reduceat(whole, y[:-1], 0), z[:-1], 1))
+def _sums(sample: Sample, bounds: list[Ints]) -> Floats:
+    """Return solid, bulk and area of the voxels of cells between bounds along x, y and z."""
+    from porous.kernels._shared import slabs
+    from porous.kernels.sums import summed_planes
+
+    grid, (x, y, z) = sample.grid, bounds
+    wraps, worth = grid.frame.periodic, (*_fractions(sample.census), _areas(grid.frame))
+    result = np.empty((3, *(len(b) - 1 for b in bounds)))
+
+    def work(a: int, b: int) -> None:
+        for i in range(a, b):
+            planes = summed_planes(grid.fill, grid.bulk, worth, wraps, (int(x[i]), int(x[i + 1])))
+            for total, plane in zip(result, planes[:, : y[-1], : z[-1]], strict=True):
+                total[i] = np.add.reduceat(np.add.reduceat(plane, y[:-1], 0), z[:-1], 1)
+
+    slabs(len(x) - 1, 1, work)
+    return result
 
 
-def _layer(sample: Sample, first: int, last: int) -> Iterator[Floats]:
-    """Yield solid, bulk and area of the voxels of some planes across x."""
-    grid, (fills, bulks) = sample.grid, _fractions(sample.census)
-    solid = fills[grid.fill[first:last]]
-    bulk = np.ones(solid.shape) if grid.bulk is None else bulks[grid.bulk[first:last]]
-    yield np.minimum(solid, bulk)
-    yield bulk
-    yield _areas(grid, first, last)
-
-
-def _areas(grid: VoxelGrid, first: int, last: int) -> Floats:
-    """Return the area that each voxel's window has, over the voxel's volume, by crofton.
-
-    Where there is no voxel before the first one it is mirrored: its window is as good as the next.
-    """
-    frame = grid.frame
+def _areas(frame: Frame) -> Floats:
+    """Return the area that each window has, over a voxel's volume, by crofton; shape (256,)."""
     rule = crofton(frame.spacing)
-    table = 2 * (rule.weights / rule.lengths) @ CROSSINGS
-    below = [
-        np.array([*([n - 1] if wraps else [min(1, n - 1)]), *range(n)])
-        for n, wraps in zip(frame.shape, frame.periodic, strict=True)
-    ]
-    solid = grid.fill[below[0][first : last + 1]] >= 128
-    solid = solid[:, below[1]][:, :, below[2]]
-    windows = np.zeros(tuple(n - 1 for n in solid.shape), np.uint8)
-    for bit in range(8):
-        x, y, z = bit >> 2, bit >> 1 & 1, bit & 1
-        nx, ny, nz = windows.shape
-        windows |= solid[x : x + nx, y : y + ny, z : z + nz].view(np.uint8) << np.uint8(bit)
-    return np.asarray(table[windows])
+    return np.asarray(2 * (rule.weights / rule.lengths) @ CROSSINGS)
 
 
 def _boxes(cells: Cells, j: int) -> tuple[float, ...] | None:
