@@ -96,7 +96,7 @@ def _layers(fill, bulk, solids, bulks, x, y, z):
             row, total = fill[i, j], np.int64(0)
             if len(bulk) == 0:
                 for k in range(nz):
-                    solid = solids[row[k]]
+                    solid = min(solids[row[k]], bulks[255])
                     total += solid
                     z[0, k] += solid
                 whole = nz * bulks[255]
