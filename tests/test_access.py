@@ -14,7 +14,8 @@ from scipy.ndimage import gaussian_filter, label
 from porous.errors import Cancelled, GridError, MemoryLimitError
 from porous.kernels.distance import squared_distances
 from porous.kernels.thickness import largest_balls
-from porous.kernels.widest import thinned, widest
+from porous.kernels.thinned import thinned
+from porous.kernels.widest import widest
 from porous.measures import (
     Sample,
     Survey,

@@ -45,9 +45,6 @@ LEVELS = 1 << 22
 TIE = 1e-12
 """Squares that differ by this part of them are the same, but for rounding."""
 
-MESH = 3
-"""Every how many voxels, along each axis, a ball stays where all about it are as large."""
-
 SOLID, FREE, PEAKS = -1, -2, -3
 """What stands for voxels outside of the mask, for those that are free, and for the first peak."""
 
@@ -123,38 +120,6 @@ def widest(
         return Ways(peaks.astype(given.dtype, copy=False), found.astype(np.float64))
     values = np.concatenate([[0.0], levels])
     return Ways(values[peaks].astype(given.dtype, copy=False), values[found])
-
-
-def thinned(squares: Squares, ways: Numbers, *, periodic: Axes = (False, False, False)) -> Squares:
-    """Return balls that cover what those of ``ways`` do, but for voxels that are centres of one.
-
-    Behind a neck all balls are as large as the neck. Where those of a voxel's neighbours are no
-    smaller, its own is held by theirs and by those where they come to an end, for a straight way
-    from its centre to a voxel that it holds leaves them there, nearer to that voxel. Such balls
-    shrink to their centres, but for some that hold their neighbours' centres.
-
-    Parameters
-    ----------
-    squares
-        Of the mask.
-    ways
-        The ways inward that ``widest`` found in it.
-    periodic
-        Axes along which the grid closes on itself.
-
-    Returns
-    -------
-    Squares
-        A voxel's largest ball of ``ways`` is the larger of its own and of the largest of these.
-    """
-    given, told = source(squares.values, squares.values.dtype), source(ways, ways.dtype)
-    result, wraps = np.empty_like(ways), np.array(periodic, np.int64)
-
-    def thin(a: int, b: int) -> None:
-        _thin(given, told, wraps, result, a, b)
-
-    slabs(given.shape[0], _planes(given.shape), thin)
-    return squares._replace(values=result)
 
 
 def _planes(shape: tuple[int, ...]) -> int:
@@ -298,29 +263,62 @@ def _rank(squares, levels, starts, width, ranks, first, last):
 
 
 @kernel
+def _code(ranks, free, out):
+    # Ranks so far apart that steps have room between them; none climbs to what is free.
+    if len(free):
+        for k in range(len(ranks)):
+            out[k] = 0 if free[k] else np.int32(27 * np.int64(ranks[k]))
+    else:
+        for k in range(len(ranks)):
+            out[k] = np.int32(27 * np.int64(ranks[k]))
+
+
+@kernel
+def _steepest(before, here, after, step, out):
+    # The largest of three codes, steps added to them.
+    for k in range(len(out)):
+        out[k] = max(before[k], np.int32(here[k] + step), np.int32(after[k] + 2 * step))
+
+
+@kernel
+def _steep(ranks, free, i, line, rows, out):
+    # The largest codes of the nine voxels about those of a plane; zeros beyond the grid.
+    nx, ny, nz = ranks.shape
+    if i < 0 or i == nx:
+        out[:] = 0
+        return
+    for j in range(ny):
+        some = free[i, j] if free.shape[0] > 0 else free.reshape(-1)
+        _code(ranks[i, j], some, line[1 : nz + 1])
+        _steepest(line[:nz], line[1 : nz + 1], line[2:], 1, rows[j + 1])
+    for j in range(ny):
+        _steepest(rows[j], rows[j + 1], rows[j + 2], 3, out[j])
+
+
+@kernel
 def _climb(ranks, free, peaks, first, last):
     # The steepest way up that stays in the grid, the voxel itself on a peak; of voxels alike, which
-    # are in a row, the last.
-    nx, ny, nz = ranks.shape
+    # are in a row, the last. A code is 27 times a rank, and the number of the step to it.
+    _, ny, nz = ranks.shape
     some = free.shape[0] > 0
-    for i in range(first, last):
+    line, best = np.zeros(nz + 2, np.int32), np.empty(nz, np.int32)
+    rows, planes = np.zeros((ny + 2, nz), np.int32), np.empty((3, ny, nz), np.int32)
+    steps = np.empty(27, np.int64)
+    for s in range(27):
+        steps[s] = ((s // 9 - 1) * ny + s // 3 % 3 - 1) * nz + s % 3 - 1
+    for i in range(first - 1, last + 1):
+        _steep(ranks, free, i, line, rows, planes[(i + 3) % 3])
+        if i <= first:
+            continue
+        low, here, high = planes[(i + 1) % 3], planes[(i + 2) % 3], planes[i % 3]
         for j in range(ny):
+            _steepest(low[j], here[j], high[j], 9, best)
+            start = ((i - 1) * ny + j) * nz
             for k in range(nz):
-                best = ranks[i, j, k]
-                if best == 0 or (some and free[i, j, k]):
-                    peaks[i, j, k] = SOLID if best == 0 else FREE
-                    continue
-                top = (i * ny + j) * nz + k
-                for x in range(max(0, i - 1), min(nx, i + 2)):
-                    for y in range(max(0, j - 1), min(ny, j + 2)):
-                        for z in range(max(0, k - 1), min(nz, k + 2)):
-                            rank = ranks[x, y, z]
-                            if rank < best or (some and free[x, y, z]):
-                                continue
-                            at = (x * ny + y) * nz + z
-                            if rank > best or at > top:
-                                best, top = rank, at
-                peaks[i, j, k] = top
+                top = start + k + steps[best[k] % 27]
+                if some and free[i - 1, j, k]:
+                    top = FREE
+                peaks[i - 1, j, k] = top if ranks[i - 1, j, k] else SOLID
 
 
 @kernel
@@ -365,14 +363,40 @@ def _note(keys, levels, stop, key, level):
 
 
 @kernel
+def _differ(own, beside, flags):
+    for k in range(len(flags)):
+        flags[k] |= (beside[k] != own[k]) & (beside[k] != SOLID)
+
+
+@kernel
+def _meeting(peaks, i, j, ends, flags):
+    # Flag voxels of a row that may be next to another peak's slope, or at an end of the grid.
+    nx, ny, nz = peaks.shape
+    if i == nx - 1 or i in (0, ends[0], ends[3]) or j in (0, ny - 1, ends[1], ends[4]):
+        flags[:] = 1
+        return
+    own = peaks[i, j]
+    flags[:] = 0
+    for k in (0, nz - 1, ends[2], ends[5]):
+        flags[k] = 1
+    _differ(own[:-1], own[1:], flags[:-1])
+    for x, y in ((i, j + 1), (i + 1, j - 1), (i + 1, j), (i + 1, j + 1)):
+        beside = peaks[x, y]
+        _differ(own, beside, flags)
+        _differ(own[:-1], beside[1:], flags[:-1])
+        _differ(own[1:], beside[:-1], flags[1:])
+
+
+@kernel
 def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
     nx, ny, nz = ranks.shape
     stop, i, j = SLOTS, place[0], place[1]
-    nodes = count + SHARED
+    nodes, flags = count + SHARED, np.empty(nz, np.uint8)
     while i < last and stop + EACH * nz <= len(keys):
+        _meeting(peaks, i, j, ends, flags)
         for k in range(nz):
             own = peaks[i, j, k]
-            if own == SOLID:
+            if flags[k] == 0 or own == SOLID:
                 continue
             rank, one = ranks[i, j, k], np.int64(PEAKS - own)
             if own != FREE:
@@ -490,32 +514,3 @@ def _settle(ranks, reached, peaks, first, last):
                 if peak <= PEAKS:
                     rank = min(rank, reached[PEAKS - peak])
                 peaks[i, j, k] = rank
-
-
-@kernel
-def _thin(squares, ways, wraps, out, first, last):
-    nx, ny, nz = squares.shape
-    for i in range(first, last):
-        for j in range(ny):
-            meshed = (i % MESH == 1 or i == nx - 1) and (j % MESH == 1 or j == ny - 1)
-            for k in range(nz):
-                ball = ways[i, j, k]
-                out[i, j, k] = ball
-                if ball == 0 or (meshed and (k % MESH == 1 or k == nz - 1)):
-                    continue
-                held = True
-                for step in range(27):
-                    a, b, c = i + step // 9 - 1, j + step // 3 % 3 - 1, k + step % 3 - 1
-                    if wraps[0]:
-                        a = (a + nx) % nx
-                    if wraps[1]:
-                        b = (b + ny) % ny
-                    if wraps[2]:
-                        c = (c + nz) % nz
-                    if a < 0 or b < 0 or c < 0 or a >= nx or b >= ny or c >= nz:
-                        continue
-                    if squares[a, b, c] * (1.0 + TIE) < ball:
-                        held = False
-                        break
-                if held:
-                    out[i, j, k] = 1

@@ -323,7 +323,7 @@ def has_outside(sample: Sample) -> bool:
 def intrusion(sample: Sample, ways: Ways) -> MercuryIntrusion:
     """Return what ``mercury_intrusion`` does, of a sample with an outside."""
     from porous.kernels.thickness import largest_balls
-    from porous.kernels.widest import thinned
+    from porous.kernels.thinned import thinned
 
     bulk, periodic = sample.voxels("pore").bulk, sample.frame.periodic
     squares = within_bulk(sample.squares("pore"), bulk)
