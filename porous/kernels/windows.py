@@ -13,16 +13,16 @@ use the same histogram with other attributions).
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.kernels._shared import kernel, slabs, source
+from porous.kernels._shared import kernel, popcount, slabs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -177,117 +177,160 @@ def block_histogram(
     -------
     int64, shape (256,).
     """
-    xs, ys, zs = (
-        np.array([*_BELOW[low](n), *range(n), *_ABOVE[high](n)], np.int64)
-        for low, high, n in zip(below, above, fill.shape, strict=True)
-    )
-    if min(len(xs), len(ys), len(zs)) < 2:
-        return np.zeros(256, np.int64)
-    given = source(fill, np.uint8)
-    planes = max(1, SLAB // (len(ys) * len(zs)))
-    count = len(xs) - 1
-    result = np.zeros((-(-count // planes), 256), np.int64)
+    beside = [_BELOW[low](n) for low, n in zip(below, fill.shape, strict=True)]
+    after = [_ABOVE[high](n) for high, n in zip(above, fill.shape, strict=True)]
+    layers = [
+        np.array([*low, *range(n), *high], np.int64)
+        for low, n, high in zip(beside, fill.shape, after, strict=True)
+    ]
+    return np.asarray(layer_windows(fill, layers, progress=progress).sum(axis=(0, 1, 2)), np.int64)
 
-    def work(a, b):
-        bits = np.empty((b - a + 1, len(ys), len(zs) // 64 + 1), np.uint64)
-        _pack(given, xs[a : b + 1], ys, zs, bits)
-        _count(bits, len(zs) - 1, result[a // planes])
 
-    slabs(count, planes, work, progress)
-    return result.sum(axis=0)
+def layer_windows(
+    fill: NDArray[np.uint8],
+    layers: Sequence[NDArray[np.int64]],
+    *,
+    step: int = 1,
+    progress: Progress | None = None,
+) -> NDArray[np.int64]:
+    """Count the windows of layers of a block, each of voxels some layers apart.
+
+    Parameters
+    ----------
+    fill
+        uint8, shape (x, y, z), in any order of memory.
+    layers
+        Per axis the block's layers in their order, int64; −1 for one of void. Void may be at the
+        ends alone.
+    step
+        How many of these layers there are from a window's lower voxels to its upper ones: windows
+        of every ``step``-th layer are counted, in all ways to choose these.
+    progress
+        Called as ``progress(done, count)`` in planes along x.
+
+    Returns
+    -------
+    int64, shape (3, 3, 3, 256): by what windows see along x, y and z: 0 layers of the block alone,
+    1 void below one, 2 void above one.
+    """
+    count, across, along = (len(axis) - step for axis in layers)
+    result = np.zeros((0, 27, 256), np.int64)
+    if min(count, across, along) > 0:
+        planes = max(1, SLAB // (len(layers[1]) * len(layers[2])))
+        result = np.zeros((-(-count // planes), 27, 256), np.int64)
+        first, second, third = (_sights(axis, step) for axis in layers)
+        masks = _as_words(np.equal.outer(np.arange(3), _to_words(third, 3)))
+
+        def work(a: int, b: int) -> None:
+            bits = _packed(fill, layers[0][a : b + step], *layers[1:])
+            _count(bits, step, first[a:b], second, masks, result[a // planes])
+
+        if count <= planes and progress is None:
+            work(0, count)
+        else:
+            slabs(count, planes, work, progress)
+    return np.asarray(result.sum(axis=0).reshape(3, 3, 3, 256), np.int64)
 
 
 _BELOW = {"nothing": lambda _: [], "void": lambda _: [-1], "last": lambda n: [n - 1]}
 _ABOVE = {"nothing": lambda _: [], "void": lambda _: [-1], "again": lambda n: [n - 1]}
 
 
-@kernel
-def _pack(fill, xs, ys, zs, bits):
-    """Set bit p of row (i, j) of ``bits`` where the voxel (xs[i], ys[j], zs[p]) is solid.
+def _sights(layers: NDArray[np.int64], step: int) -> NDArray[np.int64]:
+    """Return what windows see along an axis: layers alone, void below, above or nothing else."""
+    return np.asarray((layers[:-step] < 0) + 2 * (layers[step:] < 0), np.int64)
 
-    Between its ends ``zs`` counts upwards by one; bits beyond it are clear.
+
+def _to_words(line: NDArray[np.int64], other: int) -> NDArray[np.int64]:
+    """Return a line made longer by ``other``, to whole words."""
+    return np.pad(line, (0, -len(line) % 64), constant_values=other)
+
+
+def _as_words(flags: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """Return flags as bits, 64 to a word, the first in its lowest bit; rows are whole words."""
+    bits = np.packbits(flags.reshape(-1), bitorder="little")
+    return bits.view("<u8").reshape(*flags.shape[:-1], -1)
+
+
+def _packed(fill, xs, ys, zs):
+    """Return bits (i, j, p) set where the voxel (xs[i], ys[j], zs[p]) is solid, 64 to a word."""
+    room = np.zeros((len(xs), len(ys), -(-len(zs) // 64) * 64), np.bool_)
+    for parts in product(*map(_stretches, (xs, ys, zs))):
+        there, here = (tuple(slices) for slices in zip(*parts, strict=True))
+        np.greater_equal(fill[here], 128, out=room[there])
+    return _as_words(room)
+
+
+def _stretches(layers):
+    """Return where layers that are not void follow on each other: places among them, and them."""
+    breaks = np.flatnonzero((np.diff(layers) != 1) | (layers[:-1] < 0)) + 1
+    parts = [(a, b) for a, b in pairwise([0, *breaks.tolist(), len(layers)]) if layers[a] >= 0]
+    return [(slice(a, b), slice(layers[a], layers[a] + b - a)) for a, b in parts]
+
+
+@kernel
+def _count(bits, step, xs, ys, masks, histogram):
+    """Add windows to ``histogram`` by what they see; ``masks`` are where on a line they see what.
+
+    A mixed window's number is put together of two bits of each of four rows; for every other voxel
+    these are parted, and the numbers' bits so too.
     """
-    length = len(zs)
-    end = length - 1
-    # Only the ends may be void or another layer; between them zs counts upwards.
-    first = zs[1] - 1
-    for i in range(len(xs)):
-        for j in range(len(ys)):
-            row = bits[i, j]
-            row[:] = 0
-            if xs[i] < 0 or ys[j] < 0:
-                continue
-            line = fill[xs[i], ys[j]]
-            if zs[0] >= 0:
-                row[0] = np.uint64(line[zs[0]] >> 7)
-            if zs[end] >= 0:
-                row[end >> 6] |= np.uint64(line[zs[end]] >> 7) << np.uint64(end & 63)
-            for w in range((length + 63) // 64):
-                low = max(64 * w, 1)
-                high = min(64 * w + 64, end)
-                word = np.uint64(0)
-                for p in range(low, high):
-                    word |= np.uint64(line[first + p] >> 7) << np.uint64(p - 64 * w)
-                row[w] |= word
-
-
-@kernel
-def _popcount(x):
-    """Return the number of set bits, as uint64; one machine instruction once compiled."""
-    x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
-    x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
-    x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
-
-
-@kernel
-def _count(bits, vertices, histogram):
-    """Add the windows of packed rows to ``histogram``; ``vertices`` lie along each row."""
     one = np.uint64(1)
-    top = np.uint64(63)
-    full = ~np.uint64(0)
-    words = (vertices + 63) // 64
-    last = full >> np.uint64(64 * words - vertices)
-    none = np.uint64(0)
-    every = np.uint64(0)
-    for i in range(bits.shape[0] - 1):
-        for j in range(bits.shape[1] - 1):
+    words = masks.shape[1]
+    up, down = np.uint64(step), np.uint64(64 - step)
+    pair = one | one << up
+    b_at = np.uint64(2 if step == 1 else 1)
+    d_at = np.uint64(6 if step == 1 else 5)
+    c_at = np.uint64(4)
+    half = np.uint64(32)
+    zero = np.uint64(0)
+    found = np.zeros((27, 256), np.int64)
+    for i in range(bits.shape[0] - step):
+        for j in range(bits.shape[1] - step):
+            if xs[i] > 2 or ys[j] > 2:
+                continue
+            first = 9 * xs[i] + 3 * ys[j]
             for w in range(words):
-                a0 = bits[i, j, w]
-                b0 = bits[i, j + 1, w]
-                c0 = bits[i + 1, j, w]
-                d0 = bits[i + 1, j + 1, w]
-                a1 = a0 >> one
-                b1 = b0 >> one
-                c1 = c0 >> one
-                d1 = d0 >> one
+                a, b = bits[i, j, w], bits[i, j + step, w]
+                c, d = bits[i + step, j, w], bits[i + step, j + step, w]
+                e, f, g, h = zero, zero, zero, zero
                 if w + 1 < bits.shape[2]:
-                    a1 |= bits[i, j, w + 1] << top
-                    b1 |= bits[i, j + 1, w + 1] << top
-                    c1 |= bits[i + 1, j, w + 1] << top
-                    d1 |= bits[i + 1, j + 1, w + 1] << top
-                mask = last if w + 1 == words else full
-                some = (a0 | a1 | b0 | b1 | c0 | c1 | d0 | d1) & mask
-                all8 = a0 & a1 & b0 & b1 & c0 & c1 & d0 & d1 & mask
-                none += _popcount(mask & ~some)
-                every += _popcount(all8)
-                mixed = some & ~all8
-                while mixed:
-                    lowest = mixed & (~mixed + one)
-                    mixed ^= lowest
-                    t = _popcount(lowest - one)
-                    low = (
-                        (a0 >> t & one)
-                        | (a1 >> t & one) << np.uint64(1)
-                        | (b0 >> t & one) << np.uint64(2)
-                    )
-                    low |= (
-                        (b1 >> t & one) << np.uint64(3)
-                        | (c0 >> t & one) << np.uint64(4)
-                        | (c1 >> t & one) << np.uint64(5)
-                    )
-                    histogram[
-                        low | (d0 >> t & one) << np.uint64(6) | (d1 >> t & one) << np.uint64(7)
-                    ] += 1
-    histogram[0] += np.int64(none)
-    histogram[255] += np.int64(every)
+                    e, f = bits[i, j, w + 1], bits[i, j + step, w + 1]
+                    g, h = bits[i + step, j, w + 1], bits[i + step, j + step, w + 1]
+                any_low, all_low = a | b | c | d, a & b & c & d
+                some = any_low | any_low >> up | (e | f | g | h) << down
+                every = all_low & (all_low >> up | (e & f & g & h) << down)
+                for k in range(3):
+                    chosen = masks[k, w]
+                    if chosen == 0:
+                        continue
+                    side = first + k
+                    found[side, 0] += np.int64(popcount(chosen & ~some))
+                    found[side, 255] += np.int64(popcount(chosen & every))
+                    mixed = chosen & some & ~every
+                    if mixed == 0:
+                        continue
+                    low = mixed & np.uint64(0xFFFFFFFF)
+                    while low:
+                        t = popcount((low & (~low + one)) - one)
+                        low &= low - one
+                        number = (a >> t & pair) | (b >> t & pair) << b_at
+                        number |= (c >> t & pair) << c_at | (d >> t & pair) << d_at
+                        found[side, number] += 1
+                    high = mixed >> half
+                    if high == 0:
+                        continue
+                    p, q = a >> half | e << half, b >> half | f << half
+                    r, s = c >> half | g << half, d >> half | h << half
+                    while high:
+                        t = popcount((high & (~high + one)) - one)
+                        high &= high - one
+                        number = (p >> t & pair) | (q >> t & pair) << b_at
+                        number |= (r >> t & pair) << c_at | (s >> t & pair) << d_at
+                        found[side, number] += 1
+    for number in range(256):
+        place = number
+        if step > 1:  # what was parted comes together again
+            place = number & 0x99 | (number & 0x22) << 1 | (number & 0x44) >> 1
+        for side in range(27):
+            histogram[side, place] += found[side, number]

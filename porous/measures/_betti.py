@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from porous.models.model import Model
     from porous.values.tiled import Tiled
 
-    Bytes = NDArray[np.uint8]
+    Ints = NDArray[np.int64]
 
 CLOSED, SIDES = "closed form", "voxel count without sides"
 
@@ -69,10 +69,17 @@ def betti_numbers(grid: Tiled | Census, *, phase: str = "solid", connectivity: i
         raise GridError(f"phase: got {phase!r}{nearest(phase, PREFIX)}")
     if connectivity not in EULER:
         raise GridError(f"connectivity: got {connectivity!r}; wanted 6 or 26")
-    census = Census.of(grid)
-    if phase == "pore":
-        return _numbers(_of_pores(census.source), 32 - connectivity, "pore_", SUFFIX[connectivity])
-    return _numbers(census, connectivity, "", SUFFIX[connectivity])
+    census, suffix = Census.of(grid), SUFFIX[connectivity]
+    begin = "" if phase == "solid" else "pore_"
+    if phase == "solid":
+        found = _numbers(census, connectivity, solid=True)
+    elif census.has_bulk:
+        found = _numbers(_of_pores(census.source), 32 - connectivity, solid=True)
+    else:
+        found = _numbers(census, 32 - connectivity, solid=False)
+    return Measures(
+        tuple(_exact(f"{begin}betti_{k}{suffix}", value) for k, value in enumerate(found))
+    )
 
 
 def _of_pores(grid: Tiled) -> Census:
@@ -82,21 +89,18 @@ def _of_pores(grid: Tiled) -> Census:
     return Census(VoxelGrid.of_solid(pores, grid.frame))
 
 
-def _numbers(census: Census, connectivity: int, prefix: str, suffix: str) -> Measures:
-    """Return the Betti numbers of a census's solid."""
+def _numbers(census: Census, connectivity: int, *, solid: bool) -> list[int]:
+    """Return the Betti numbers of the solid, or of all that is not."""
     rest = 32 - connectivity
-    of = census.phase(solid=True, connectivity=connectivity)
-    wraps = any(census.frame.periodic)
-    others = () if wraps else (census.phase(solid=False, connectivity=rest), count_windows)
-    census.take((of, *others))
-    pieces = census.pieces(solid=True, connectivity=connectivity).number
-    found = [pieces]
-    if not wraps:
-        enclosed = cavities(census, rest)
-        found += [pieces + enclosed - census.number(EULER[connectivity]), enclosed]
-    return Measures(
-        tuple(_exact(f"{prefix}betti_{k}{suffix}", value) for k, value in enumerate(found))
-    )
+    of = census.phase(solid=solid, connectivity=connectivity)
+    if any(census.frame.periodic):
+        return [census.pieces(solid=solid, connectivity=connectivity).number]
+    census.take((of, census.phase(solid=not solid, connectivity=rest), count_windows))
+    pieces = census.pieces(solid=solid, connectivity=connectivity).number
+    enclosed = cavities(census, rest, solid=not solid)
+    windows = census.windows if solid else census.void_windows
+    euler = int(windows @ FUNCTIONALS[EULER[connectivity]])
+    return [pieces, pieces + enclosed - euler, enclosed]
 
 
 def _closed_forms(model: Model, frame: Frame) -> Iterator[Measure]:
@@ -181,11 +185,14 @@ def _one(frame: Frame) -> int:
 
 def _amounts(census: Census) -> Amounts:
     """Return the volumes of a grid whose bulk was sampled where it fills voxels in part."""
-    in_part = census.fills.histogram.sum(axis=0)[1:255].any()
-    return Amounts(Census(census.source, sampled=True) if in_part else census)
+    in_part = bool(census.fills.histogram.sum(axis=0)[1:255].any())
+    same = census.sampled == in_part
+    return Amounts(census if same else Census(census.source, sampled=in_part))
 
 
-def _of_sample(census: Census, connectivities: Iterable[int]) -> tuple[Measure, ...]:
+def _of_sample(
+    census: Census, connectivities: Iterable[int], coarse: Sample | None = None
+) -> tuple[Measure, ...]:
     frame = census.frame
     if census.has_bulk:
         raise GridError("connectivity_density: the bulk is not the grid's box; wanted a box")
@@ -193,11 +200,14 @@ def _of_sample(census: Census, connectivities: Iterable[int]) -> tuple[Measure, 
         raise GridError(
             f"connectivity_density: got a sample of {frame.shape} voxels; wanted two layers or more"
         )
-    fill, _ = census.source.block((0, 0, 0), frame.shape)
-    one, volume = _one(frame), _volume(fill, frame)
-    here, spread = _densities_of(fill, frame, one), _over_octants(fill, frame)
-    coarse = Sample(VoxelGrid(frame, fill)).coarse
-    there = None if coarse is None else _densities_of(coarse.grid.fill, coarse.frame, one)
+    one, volume = _one(frame), _volume(frame)
+    here, spread = _densities_of(census.inner_windows, frame, one), _over_octants(census)
+    if coarse is None:
+        fill, _ = census.source.block((0, 0, 0), frame.shape)
+        coarse = Sample(VoxelGrid(frame, fill)).coarse
+    there = None
+    if coarse is not None:
+        there = _densities_of(coarse.census.inner_windows, coarse.frame, one)
     return tuple(
         _density(
             census,
@@ -236,29 +246,30 @@ def _mirrored(weights: NDArray[np.int64]) -> NDArray[np.float64]:
 MIRRORED = {c: _mirrored(FUNCTIONALS[name]) for c, name in EULER.items()}
 
 
-def _volume(fill: Bytes, frame: Frame) -> float:
+def _volume(frame: Frame) -> float:
     """Return the volume between outermost centres."""
-    gaps = [n if wraps else n - 1 for n, wraps in zip(fill.shape, frame.periodic, strict=True)]
+    gaps = [n if wraps else n - 1 for n, wraps in zip(frame.shape, frame.periodic, strict=True)]
     return float(math.prod(gaps)) * frame.voxel_volume
 
 
-def _densities_of(fill: Bytes, frame: Frame, one: int) -> dict[int, float]:
+def _densities_of(windows: Ints, frame: Frame, one: int) -> dict[int, float]:
     """Return one less the Euler number about inner vertices, per volume, of both ways to join."""
-    below = tuple("last" if wraps else "nothing" for wraps in frame.periodic)
-    windows = block_histogram(fill, below=below, above=("nothing",) * 3)
-    volume = _volume(fill, frame)
+    volume = _volume(frame)
     return {c: (one - float(windows @ MIRRORED[c])) / volume for c in EULER}
 
 
-def _over_octants(fill: Bytes, frame: Frame) -> dict[int, float]:
+def _over_octants(census: Census) -> dict[int, float]:
     """Return the standard error of −χ/V over octants, which share the layers where they meet."""
-    if min(fill.shape) < 4:
+    shape = census.frame.shape
+    if min(shape) < 4:
         return dict.fromkeys(EULER, math.inf)
-    open_ = Frame((0, 0, 0), frame.spacing, frame.shape)
-    halves = [(slice(0, n // 2 + 1), slice(n // 2, n)) for n in fill.shape]
-    found = [
-        _densities_of(np.ascontiguousarray(fill[parts]), open_, 0) for parts in product(*halves)
-    ]
+    found = []
+    for ends in product(*(((0, n // 2 + 1), (n // 2, n)) for n in shape)):
+        (a, b), (c, d), (e, f) = ends
+        fill, _ = census.source.block((a, c, e), (b, d, f))
+        windows = block_histogram(fill, below=("nothing",) * 3, above=("nothing",) * 3)
+        octant = Frame((0, 0, 0), census.frame.spacing, (b - a, d - c, f - e))
+        found.append(_densities_of(windows, octant, 0))
     return {
         c: float(np.std([part[c] for part in found], ddof=1) / math.sqrt(len(found))) for c in EULER
     }
@@ -274,7 +285,7 @@ def take(sample: Sample) -> Findings:
             rows += betti_numbers(sample.census, connectivity=connectivity)
     sample.tell("topology", 0.5)
     if sample.has("pore"):
-        rows += betti_numbers(sample.grid, phase="pore")
+        rows += betti_numbers(sample.census, phase="pore")
     if sample.has("solid"):
         rows += _densities(sample)
     notes = (
@@ -291,7 +302,7 @@ def _densities(sample: Sample) -> Iterator[Measure]:
         return
     if beyond == "unknown" and not all(sample.frame.periodic):
         if min(sample.frame.shape) > 1:
-            yield from _of_sample(sample.census, EULER)
+            yield from _of_sample(sample.census, EULER, sample.coarse)
         return
     for connectivity in EULER:
         yield connectivity_density(sample.census, beyond=beyond, connectivity=connectivity)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -12,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from porous.kernels.fills import block_fills
-from porous.kernels.windows import FUNCTIONALS, block_histogram
+from porous.kernels.windows import FUNCTIONALS, layer_windows
 from porous.measures._connected import Phase
-from porous.measures._fold import DEPTH, Block, Together, fold, layers_of, tiles_of
+from porous.measures._fold import Block, Together, fold, layers_of, tiles_of
 from porous.values.tiled import Chunked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -69,76 +68,77 @@ def _fills_of(block: Block, frame: Frame) -> FillCounts:
     return FillCounts(histogram, jumps)
 
 
-def count_windows(source: Tiled, start: Index, stop: Index) -> Ints:
-    """Count the 2×2×2 windows of a tile, int64 (256,); histograms add up."""
-    block = Block.of(source, start, stop)
-    return _histogram(block.fill, _told(block.halo, "nothing", "void"), _void(block.ends))
+@dataclass(frozen=True)
+class WindowCounts:
+    """Windows of a grid's solid; histograms add up.
 
-
-def count_continued_windows(source: Tiled, start: Index, stop: Index) -> Ints:
-    """Count the windows of a tile where the outermost voxels go on beyond the frame.
-
-    Eight times as many as there are voxels: along each axis that is not periodic windows within the
-    frame count twice, and once those that look beyond one of its ends, where they find the
-    outermost layer again. So a body that is turned round has the same.
+    ``seen`` are those of the solid in vacuum or periodic space, int64 (3, 3, 3, 256), by what they
+    see along each axis: voxels alone, or what lies below the first or above the last of them. Of
+    ``continued`` ones, int64 (256,), where the outermost voxels go on beyond the frame, there are
+    eight times as many as voxels: along each axis that is not periodic windows within the frame
+    count twice, and once those that look beyond one of its ends, where they find the outermost
+    layer again. So a body that is turned round has the same.
     """
-    block = Block.of(source, start, stop)
-    before = [not halo for halo in block.halo]
-    return _continued(block.fill, list(zip(before, block.ends, strict=True)))
+
+    seen: Ints
+    continued: Ints
+
+    def __add__(self, other: WindowCounts) -> WindowCounts:
+        return WindowCounts(self.seen + other.seen, self.continued + other.continued)
+
+    @property
+    def of_solid(self) -> Ints:
+        """Windows of the solid, int64 (256,)."""
+        return np.asarray(self.seen.sum(axis=(0, 1, 2)), np.int64)
+
+    @property
+    def of_void(self) -> Ints:
+        """Windows of all that is not solid, beyond which there is nothing of it either."""
+        total: Ints = np.zeros(256, np.int64)
+        for sights in product(range(3), repeat=3):
+            inside = _voxels_of(sights)
+            numbers = np.flatnonzero(np.arange(256) & ~inside == 0)
+            total[inside ^ numbers] += self.seen[sights][numbers]
+        return total
 
 
-def _continued(fill: Bytes, ends: list[tuple[bool, bool]]) -> Ints:
-    """Count windows of layers, twice along each axis; once more beyond those of its ends that are.
-
-    ``ends`` tells for each axis whether the first layer is the frame's, and whether the last is.
-    """
-    total: Ints = np.zeros(256, np.int64)
-    within: list[tuple[slice, int]] = [(slice(None), 2)]
-    for pieces in product(*(within + _beyond(*axis) for axis in ends)):
-        piece = fill[tuple(layers for layers, _ in pieces)]
-        for axis, (_, times) in enumerate(pieces):
-            if times == 1:
-                piece = np.concatenate([piece, piece], axis)
-        counts = _histogram(piece, _NOTHING, _NOTHING)
-        total += counts * math.prod(times for _, times in pieces)
-    return total
+def _voxels_of(sights: Sequence[int]) -> int:
+    """Return the bits of a window's voxels that are not void for what it sees."""
+    return sum(
+        1 << place
+        for place, voxel in enumerate(product((0, 1), repeat=3))
+        if all(seen in (0, 2 - upper) for seen, upper in zip(sights, voxel, strict=True))
+    )
 
 
-_NOTHING = ("nothing", "nothing", "nothing")
+def count_windows(source: Tiled, start: Index, stop: Index) -> WindowCounts:
+    """Count the 2×2×2 windows of a tile."""
+    return _windows(source, start, stop, 1)
 
 
-def _beyond(first: bool, last: bool) -> list[tuple[slice, int]]:  # noqa: FBT001
-    return [(slice(0, 1), 1)] * first + [(slice(-1, None), 1)] * last
-
-
-def count_coarse_windows(source: Tiled, start: Index, stop: Index) -> Ints:
+def count_coarse_windows(source: Tiled, start: Index, stop: Index) -> WindowCounts:
     """Count the windows of every other voxel along each axis, in all eight ways to choose them."""
-    total: Ints = np.zeros(256, np.int64)
-    for chosen, ways in _coarse(source, start, stop):
-        below, above = (tuple(way.below for way in ways), tuple(way.above for way in ways))
-        total += _histogram(chosen, below, above)
-    return total
+    return _windows(source, start, stop, 2)
 
 
-def count_coarse_continued_windows(source: Tiled, start: Index, stop: Index) -> Ints:
-    """Count the windows of every other voxel in all eight ways, each as it goes on at the ends."""
-    total: Ints = np.zeros(256, np.int64)
-    for chosen, ways in _coarse(source, start, stop):
-        total += _continued(chosen, [(w.below == "void", w.above == "void") for w in ways])
-    return total
+def _windows(source: Tiled, start: Index, stop: Index, step: int) -> WindowCounts:
+    """Count the windows of every ``step``-th layer whose upper voxels lie in the tile.
 
-
-def _coarse(
-    source: Tiled, start: Index, stop: Index
-) -> Iterator[tuple[Bytes, tuple[_Way, _Way, _Way]]]:
-    """Yield the voxels that each way has of a tile, and the ways of x, y and z."""
+    Those that look beyond the upper end of the frame are of the last tile.
+    """
     axes = [
-        _Coarse.of(a, b, n, wraps)
+        _Axis.of(a, b, n, step, wraps)
         for a, b, n, wraps in zip(start, stop, *_lattice(source.frame), strict=True)
     ]
     fill, _ = layers_of(source, [axis.layers for axis in axes])
-    for x, y, z in product(*(axis.ways for axis in axes)):
-        yield fill[x.first :: 2, y.first :: 2, z.first :: 2], (x, y, z)
+    seen = layer_windows(fill, [axis.padded for axis in axes], step=step)
+    continued = 8 * seen[0, 0, 0]
+    for x, y, z in list(product(*(axis.pieces for axis in axes)))[1:]:
+        piece = fill[x.layers, y.layers, z.layers]
+        again = [end.again(n, step) for end, n in zip((x, y, z), piece.shape, strict=True)]
+        times = x.times * y.times * z.times
+        continued += times * layer_windows(piece, again, step=step)[0, 0, 0]
+    return WindowCounts(seen, continued)
 
 
 def count_caps(source: Tiled, start: Index, stop: Index) -> Ints:
@@ -179,39 +179,44 @@ def find_bulk(source: Tiled, start: Index, stop: Index) -> Extent:
 
 
 @dataclass(frozen=True)
-class _Way:
-    """One of the two ways to choose every other layer of a block, and what is next to them."""
+class _Piece:
+    """Some layers of a tile, how often windows of them count, and whether they find them again."""
 
-    first: int
-    below: str
-    above: str
+    layers: slice
+    times: int
+
+    def again(self, count: int, step: int) -> Ints:
+        """Return the layers in their order: those at an end once more, behind each other."""
+        return np.arange(count if self.times > 1 else count + step) % count
 
 
 @dataclass(frozen=True)
-class _Coarse:
-    """The layers of a tile and the two below it, and the ways to choose every other of them.
+class _Axis:
+    """The layers of a tile and some below it, and what of them lies at the frame's ends.
 
-    Along a periodic axis each way closes on itself, whatever the number of layers.
+    Along a periodic axis each way to choose every ``step``-th layer closes on itself, whatever the
+    number of layers.
     """
 
     layers: tuple[int, ...]
-    ways: tuple[_Way, ...]
+    padded: Ints
+    pieces: tuple[_Piece, ...]
 
     @classmethod
-    def of(cls, start: int, stop: int, n: int, wraps: bool) -> _Coarse:  # noqa: FBT001
-        seen = [v for v in range(start - DEPTH, stop) if v >= 0 or wraps]
+    def of(cls, start: int, stop: int, n: int, step: int, wraps: bool) -> _Axis:  # noqa: FBT001
+        seen = [v for v in range(start - step, stop) if v >= 0 or wraps]
         # Below the first layers are the last of the same way; of one layer there is but one way.
-        layers = [v if v >= 0 else max(0, n - 1 - (n - 1 - v) % 2) for v in seen]
-        ways = []
-        for chosen in (start, start + 1):
-            if chosen >= stop:
-                continue
-            below = "nothing" if chosen - 2 >= seen[0] else "void"
-            last = chosen + (stop - 1 - chosen) // 2 * 2
-            above = "void" if last + 2 >= n and not wraps else "nothing"
-            first = chosen if below == "void" else chosen - 2
-            ways.append(_Way(first - seen[0], below, above))
-        return cls(tuple(layers), tuple(ways))
+        layers = tuple(v if v >= 0 else max(0, n - 1 - (n - 1 - v) % step) for v in seen)
+        below, first = step - (start - seen[0]), start - seen[0]
+        above = step if stop == n and not wraps else 0
+        void = [[-1] * below, [-1] * above]
+        pieces = [_Piece(slice(None), 2)]
+        if below:
+            pieces.append(_Piece(slice(first, first + below), 1))
+        if above:
+            pieces.append(_Piece(slice(max(0, len(layers) - step), None), 1))
+        padded = np.array([*void[0], *range(len(layers)), *void[1]], np.int64)
+        return cls(layers, padded, tuple(pieces))
 
 
 def _tiles(source: Tiled) -> tuple[Tile, ...]:
@@ -224,19 +229,6 @@ def _tiles(source: Tiled) -> tuple[Tile, ...]:
 
 def _lattice(frame: Frame) -> tuple[Index, tuple[bool, bool, bool]]:
     return frame.shape, frame.periodic
-
-
-def _told(axes: Sequence[bool], yes: str, no: str) -> tuple[str, ...]:
-    return tuple(yes if axis else no for axis in axes)
-
-
-def _void(axes: Sequence[bool]) -> tuple[str, ...]:
-    return _told(axes, "void", "nothing")
-
-
-def _histogram(fill: Bytes, below: tuple[str, ...], above: tuple[str, ...]) -> Ints:
-    result: Ints = block_histogram(fill, below=below, above=above)
-    return result
 
 
 class Census:
@@ -328,8 +320,17 @@ class Census:
     @property
     def windows(self) -> Ints:
         """Windows of the solid in vacuum or periodic space."""
-        result: Ints = self.counted(count_windows)
-        return result
+        return self._windows(count_windows).of_solid
+
+    @property
+    def void_windows(self) -> Ints:
+        """Windows of all that is not solid, which ends where the frame does."""
+        return self._windows(count_windows).of_void
+
+    @property
+    def inner_windows(self) -> Ints:
+        """Windows of the solid that do not look beyond the frame."""
+        return np.asarray(self._windows(count_windows).seen[0, 0, 0], np.int64)
 
     @property
     def continued_windows(self) -> Ints:
@@ -338,23 +339,20 @@ class Census:
         Eight times as many as there are voxels, so that each direction has as many pairs: faces
         that end at the frame are seen as large as they are, and the frame's own sides not at all.
         """
-        if all(self.frame.periodic):
-            return 8 * self.windows
-        result: Ints = self.counted(count_continued_windows)
-        return result
-
-    @property
-    def coarse_continued_windows(self) -> Ints:
-        """Those at twice the spacing, eight times as many in all eight ways together."""
-        if all(self.frame.periodic):
-            return 8 * self.coarse_windows
-        result: Ints = self.counted(count_coarse_continued_windows)
-        return result
+        return self._windows(count_windows).continued
 
     @property
     def coarse_windows(self) -> Ints:
         """Windows of the solid at twice the spacing, eight times as many as one such grid has."""
-        result: Ints = self.counted(count_coarse_windows)
+        return self._windows(count_coarse_windows).of_solid
+
+    @property
+    def coarse_continued_windows(self) -> Ints:
+        """Those that go on at the ends, eight times as many in all eight ways together."""
+        return self._windows(count_coarse_windows).continued
+
+    def _windows(self, count: Count) -> WindowCounts:
+        result: WindowCounts = self.counted(count)
         return result
 
     @property
@@ -377,16 +375,14 @@ class Census:
 
         if self.has_bulk:
             self.take((find_bulk,), report(0))
-        inside: tuple[Count, ...] = (count_continued_windows, count_coarse_continued_windows)
-        inside = (count_caps, *(() if all(self.frame.periodic) else inside))
-        of_sampled = (count_bulk_fills,) if self.sampled else inside
+        of_sampled = count_bulk_fills if self.sampled else count_caps
         phases = [
             self.phase(solid=solid, connectivity=connectivity, in_bulk=in_bulk)
             for solid, in_bulk in ((True, False), (False, True), (False, False))
             for connectivity in (6, 26)
             if solid or in_bulk or not any(self.frame.periodic)
         ]
-        counts = (count_fills, count_windows, count_coarse_windows, *of_sampled, *phases, *others)
+        counts = (count_fills, count_windows, count_coarse_windows, of_sampled, *phases, *others)
         self.take(counts, report(passes - 1))
 
     def number(self, functional: str) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from porous.errors import MeshError
 from porous.measures import _boxes, _pores, _porosity, _surface_area, _topology
-from porous.measures._census import Census, Extent, FillCounts
+from porous.measures._census import Census, Extent, FillCounts, WindowCounts
 from porous.measures._connected import PieceCounts, Pieces, Sightings
 from porous.measures._fold import Sums
 from porous.measures._mesh import (
@@ -58,7 +58,7 @@ GRID: Table[Census] = {
 }
 """Every row of a grid, by name and method."""
 
-COUNTED = (Sums, FillCounts, Extent, Pieces, PieceCounts, Sightings, _boxes.BoxSums)
+COUNTED = (Sums, FillCounts, WindowCounts, Extent, Pieces, PieceCounts, Sightings, _boxes.BoxSums)
 """Classes that counts of tiles are made of, besides arrays and numbers."""
 
 OF_BODY = {"volume", "components", "euler_number", "mesh_euler_number"}

@@ -151,12 +151,9 @@ class Sample:
         return self._once(f"{phase} is there", lambda: self._has(phase))
 
     def _has(self, phase: str) -> bool:
-        if phase == "solid":
-            return bool(self.grid.solid.any())
-        pores = ~self.grid.solid
-        if self.grid.bulk is not None:
-            pores &= self.grid.bulk >= 128
-        return bool(pores.any())
+        counts = self.census.fills.histogram
+        found = counts[128:] if phase == "solid" else counts[:128, 128:]
+        return bool(found.any())
 
     @property
     def has_both(self) -> bool:

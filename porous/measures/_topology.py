@@ -40,10 +40,10 @@ def _genus(census: Census, name: str, connectivity: int, euler: str) -> Measure:
     return _exact(name, pieces + cavities(census, 32 - connectivity) - census.number(euler))
 
 
-def cavities(census: Census, connectivity: int = 26) -> int:
-    """Return the number of voids that nothing joins with the outside of the frame."""
-    voids = census.pieces(solid=False, connectivity=connectivity)
-    return int(voids.counts[~voids.open].sum())
+def cavities(census: Census, connectivity: int = 26, *, solid: bool = False) -> int:
+    """Return the number of voids, or of solids, that nothing joins with the frame's outside."""
+    inside = census.pieces(solid=solid, connectivity=connectivity)
+    return int(inside.counts[~inside.open].sum())
 
 
 GRID: Table[Census] = {

@@ -89,7 +89,9 @@ def _few_levels(values: NDArray[Any]) -> Levels:
     from porous.kernels.greys import level_counts
 
     plain = f"u{values.itemsize}"
-    counts = sum(level_counts(slab.ravel("K").view(plain)) for slab in _slabs(values))
+    counts: NDArray[np.int64] = np.zeros(256**values.itemsize, np.int64)
+    for slab in _slabs(values):
+        counts += level_counts(slab.ravel("K").view(plain))
     found = np.flatnonzero(counts)
     # Bits of a negative number are those of one beyond all that are not.
     levels = found.astype(plain).view(values.dtype).astype(np.int64)
