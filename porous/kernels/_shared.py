@@ -122,6 +122,17 @@ def threads() -> int:
     return int(wanted) if wanted.isdigit() and int(wanted) else len(os.sched_getaffinity(0))
 
 
+def row_bits(mask: NDArray[np.bool_], words: int) -> NDArray[np.uint64]:
+    """Return masks of rows (x, y, z) as bits, 64 to a word, the first lowest: (x, y, words)."""
+    nx, ny, n = mask.shape
+    result = np.zeros((nx, ny, 8 * words), np.uint8)
+    size = max(1, (1 << 22) // (ny * n))
+    for a in range(0, nx, size):
+        bits = np.packbits(mask[a : a + size], axis=-1, bitorder="little")
+        result[a : a + size, :, : bits.shape[-1]] = bits
+    return source(result.view("<u8"), np.uint64)
+
+
 def slabs(
     count: int,
     size: int,
@@ -147,6 +158,15 @@ def slabs(
             for future in futures:
                 future.cancel()
             raise
+
+
+def words_of(flags: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """Return flags as bits, 64 along the last axis to a word, the first in its lowest bit.
+
+    The last axis is of whole words. numpy packs no short rows without the interpreter's lock.
+    """
+    bits = np.packbits(flags.reshape(-1), bitorder="little")
+    return bits.view("<u8").reshape(*flags.shape[:-1], flags.shape[-1] // 64)
 
 
 @kernel

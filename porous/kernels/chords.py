@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from porous.kernels._shared import kernel, popcount, slabs, source
+from porous.kernels._shared import kernel, popcount, row_bits, slabs, source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,20 +63,12 @@ def phase_of(mask: Bools, known: Bools | None = None) -> Phase:
     known
         Shape (x, y, z): where one looks; everywhere where not given.
     """
+    words = (mask.shape[2] + 63) // 64
+    inside = row_bits(mask, words)
     if known is None:
-        return Phase(_packed(mask), source(np.zeros((0, 0, 0)), np.uint64), mask.shape)
-    bits = _packed(known)
-    return Phase(source(_packed(mask) & bits, np.uint64), bits, mask.shape)
-
-
-def _packed(mask: Bools) -> Words:
-    nx, ny, n = mask.shape
-    result = np.zeros((nx, ny, 8 * ((n + 63) // 64)), np.uint8)
-    size = max(1, SLAB // (ny * n))
-    for a in range(0, nx, size):
-        bits = np.packbits(mask[a : a + size], axis=-1, bitorder="little")
-        result[a : a + size, :, : bits.shape[-1]] = bits
-    return source(result.view("<u8"), np.uint64)
+        return Phase(inside, source(np.zeros((0, 0, 0)), np.uint64), mask.shape)
+    bits = row_bits(known, words)
+    return Phase(source(inside & bits, np.uint64), bits, mask.shape)
 
 
 def turned(phase: Phase) -> Phase:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from porous.values import Frame
     from porous.values.tiled import Tiled
 
     Floats = NDArray[np.float64]
@@ -169,7 +168,7 @@ def intercepts(grid: Tiled, *, progress: Callable[[int, int], None] | None = Non
         )
     size = " × ".join(map(str, frame.shape))
     check_memory(frame.size * BYTES, f"intercepts of {size} voxels", "Use fewer voxels.")
-    one, two, three = _rates(grid, frame, progress)
+    one, two, three = _rates(grid, TIMES, progress)
     if not one.any():
         raise GridError("intercepts: the grid has one phase only; wanted both")
     fan = rays(frame.spacing)
@@ -181,7 +180,7 @@ def intercepts(grid: Tiled, *, progress: Callable[[int, int], None] | None = Non
 
 def crossings(grid: Tiled) -> Floats:
     """Return the phase changes per length of line in the directions of ``intercepts``, (m,)."""
-    one, two, _ = _rates(grid, grid.frame, None)
+    one, two = _rates(grid, TIMES[:2])
     return _without_gaps(one, two)
 
 
@@ -191,22 +190,20 @@ def _without_gaps(one: Floats, two: Floats) -> Floats:
 
 
 def _rates(
-    grid: Tiled, frame: Frame, progress: Callable[[int, int], None] | None
-) -> tuple[Floats, Floats, Floats]:
+    grid: Tiled, times: tuple[int, ...], progress: Callable[[int, int], None] | None = None
+) -> list[Floats]:
     """Return phase changes per length of line, from voxel to voxel, every other and every third."""
-    from porous.kernels.intercepts import UNKNOWN, changes
+    from porous.kernels.intercepts import changes
 
+    frame = grid.frame
     fan = rays(frame.spacing)
     fill, bulk = grid.block((0, 0, 0), frame.shape)
-    codes = (fill >= 128).view(np.uint8)
-    if bulk is not None:
-        codes = np.where(bulk >= 128, codes, np.uint8(UNKNOWN))
-    steps = np.concatenate([times * fan.steps for times in TIMES])
-    differ, known = changes(codes, steps, periodic=frame.periodic, progress=progress)
-    lengths = np.concatenate([times * fan.lengths for times in TIMES])
+    known = None if bulk is None else bulk >= 128
+    steps = np.concatenate([k * fan.steps for k in times])
+    differ, pairs = changes(fill >= 128, known, steps, periodic=frame.periodic, progress=progress)
+    lengths = np.concatenate([k * fan.lengths for k in times])
     # A bulk too thin for pairs shows no change.
-    one, two, three = np.split(differ / np.maximum(known, 1) / lengths, len(TIMES))
-    return one, two, three
+    return np.split(differ / np.maximum(pairs, 1) / lengths, len(times))
 
 
 class Fabric(NamedTuple):
