@@ -24,6 +24,8 @@ FILES = {
     "": ("memory.max", "memory.current", "inactive_file"),
     "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 }
+NO_LIMIT = 2**62
+"""From here on a limit is none: version 1 writes 2⁶³ less a page."""
 
 
 def available() -> int:
@@ -100,6 +102,8 @@ def group_room(groups: Path, control: Path) -> list[int]:
 def _left(group: Path, most: str, used: str, cached: str) -> int | None:
     try:
         limit = int((group / most).read_text())
+        if limit >= NO_LIMIT:
+            return None
         taken = int((group / used).read_text())
         lines = (group / "memory.stat").read_text().splitlines()
     except (OSError, ValueError):  # no such group here, or "max": no limit

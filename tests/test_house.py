@@ -7,6 +7,7 @@ import statistics
 import subprocess
 import sys
 import tokenize
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -21,12 +22,26 @@ def name_of(path):
     return path.relative_to(PACKAGE).as_posix()
 
 
+@cache
 def tree_of(path):
     return ast.parse(path.read_text(encoding="utf-8"), str(path))
 
 
+@cache
+def nodes(path):
+    return tuple(ast.walk(tree_of(path)))
+
+
 def module_of(folder):
     return importlib.import_module(".".join(folder.relative_to(ROOT).parts))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forgotten():
+    """Give back what trees take once all rules have been asked."""
+    yield
+    for kept in (calls, nodes, tree_of):
+        kept.cache_clear()
 
 
 each_file = pytest.mark.parametrize("path", FILES, ids=name_of)
@@ -71,7 +86,7 @@ def test_no_file_is_long(path):
 def functions():
     for path in FILES:
         if "kernels" not in path.parts:
-            for node in ast.walk(tree_of(path)):
+            for node in nodes(path):
                 if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                     first = node.body[1:] if ast.get_docstring(node) else node.body
                     length = first[-1].end_lineno - first[0].lineno + 1 if first else 0
@@ -87,17 +102,17 @@ def test_functions_are_short():
 # --- who may do what -----------------------------------------------------------------------
 
 
+@cache
 def calls(path):
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Call):
-            yield ast.unparse(node.func), node
+    found = [node for node in nodes(path) if isinstance(node, ast.Call)]
+    return [(ast.unparse(node.func), node) for node in found]
 
 
 @each_file
 def test_only_the_command_line_prints_and_exits(path):
     speakers = {"print", "exit", "quit", "sys.exit", "os._exit", "sys.stdout.write", "input"}
     found = {name for name, _ in calls(path)} & speakers
-    exits = [n for n in ast.walk(tree_of(path)) if isinstance(n, ast.Name) and n.id == "SystemExit"]
+    exits = [n for n in nodes(path) if isinstance(n, ast.Name) and n.id == "SystemExit"]
     if name_of(path) == "__main__.py":
         found -= {"sys.exit"}  # it hands on what the command line returns
     assert name_of(path) == "cli.py" or not (found or exits)
@@ -112,13 +127,13 @@ def test_nothing_is_evaluated(path):
 def test_no_bare_except(path):
     assert not [
         node.lineno
-        for node in ast.walk(tree_of(path))
+        for node in nodes(path)
         if isinstance(node, ast.ExceptHandler) and node.type is None
     ]
 
 
 def imports(path):
-    for node in ast.walk(tree_of(path)):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -26,6 +26,7 @@ from __future__ import annotations
 import pkgutil
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import chain
@@ -318,9 +319,10 @@ def _find(path: Path) -> Format:
     raise FormatError(f"{path}: {got}; {hint} {', '.join(sorted(known))}")
 
 
-def _stems() -> list[str]:
-    names = [module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])]
-    return sorted(name for name in names if name not in HELPERS and not name.startswith("_"))
+@cache
+def _stems() -> tuple[str, ...]:
+    names = sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)]))
+    return tuple(name for name in names if name not in HELPERS and not name.startswith("_"))
 
 
 def _load(stem: str) -> Format:
