@@ -123,38 +123,56 @@ def _balls(given: Numbers, weights: Floats, wraps: Integers) -> _Balls:
     scale = (half, 1 / max(width, 1e-300))
     found: dict[int, tuple[Integers, Numbers]] = {}
     dtype = np.int16 if max(given.shape) < 1 << 15 else np.int32
+    planes = _planes(given.shape)
+    spare: list[tuple[Integers, Numbers]] = []
 
     def prune(a: int, b: int) -> None:
-        room = (b - a) * given[0].size
-        table, radii = np.empty((room, 7), dtype), np.empty(room, given.dtype)
+        try:
+            table, radii = spare.pop()
+        except IndexError:
+            room = planes * given[0].size
+            table, radii = np.empty((room, 7), dtype), np.empty(room, given.dtype)
         count = _prune(given, needs, scale, weights, wraps, table, radii, a, b)
         found[a] = table[:count].copy(), radii[:count].copy()
+        spare.append((table, radii))
 
-    slabs(given.shape[0], _planes(given.shape), prune)
-    parts = [found[a] for a in sorted(found)]
-    radii: NDArray[Any] = np.concatenate([part[1] for part in parts])
-    keys, values = _falling(radii, largest)
-    counts = np.bincount(keys, minlength=len(values))
+    slabs(given.shape[0], planes, prune)
+    spare.clear()
+    return _sorted([found.pop(a) for a in sorted(found)], largest)
+
+
+def _sorted(parts: list[tuple[Integers, Numbers]], largest: float) -> _Balls:
+    """Return balls by falling radius, of those of parts; the list of these is used up."""
+    values = _falling([radii for _, radii in parts], largest)
+    counts = np.zeros(len(values), np.int64)
+    for _, radii in parts:
+        counts += np.bincount(_ranks(radii, values), minlength=len(values))
     ends = np.cumsum(counts)
-    table, places = np.empty((len(radii), 7), dtype), ends - counts
-    start = 0
-    for part, _ in parts:
-        _place(part, keys[start : start + len(part)], places, table)
-        start += len(part)
+    places = ends - counts
+    table = np.empty((int(counts.sum()), 7), parts[0][0].dtype)
+    while parts:
+        rows, radii = parts.pop(0)
+        _place(rows, _ranks(radii, values), places, table)
     some = counts > 0
     return _Balls(
-        source(table, dtype),
+        source(table, table.dtype),
         source(np.concatenate([[0], ends[some]]), np.int64),
         source(values[some], np.float64),
     )
 
 
-def _falling(radii: Numbers, largest: float) -> tuple[Integers, NDArray[Any]]:
-    """Return the number of each radius in a falling row of squares, and that row."""
-    if _whole(radii) and largest < CLASSES:
-        return int(largest) - radii.astype(np.int64), np.arange(int(largest), 0, -1)
-    values, keys = np.unique(radii, return_inverse=True)
-    return len(values) - 1 - keys.astype(np.int64), values[::-1]
+def _falling(radii: list[Numbers], largest: float) -> NDArray[Any]:
+    """Return the squares that there are, falling; all numbers down from small whole ones."""
+    if _whole(radii[0]) and largest < CLASSES:
+        return np.arange(int(largest), 0, -1)
+    return np.unique(np.concatenate(radii))[::-1]
+
+
+def _ranks(radii: Numbers, values: NDArray[Any]) -> Integers:
+    """Return where squares stand in a falling row of such."""
+    if _whole(radii) and len(values) and values[0] == len(values):
+        return np.subtract(len(values), radii, dtype=np.int64)
+    return np.asarray(len(values) - 1 - np.searchsorted(values[::-1], radii), np.int64)
 
 
 @numba.extending.intrinsic
@@ -473,18 +491,15 @@ def _lay(table, shape, wraps, sizes, reach, value, free, some, stencil, profile,
                             for i in range(low, top + 1, LINES):
                                 a, b = np.uint64(here + i), np.uint64(here + i + last - first)
                                 m = np.uint64(form + i)
-                                found = np.uint64(0)
+                                ahead = np.uint64(0)
                                 for c in range(LINES):
                                     k = np.uint64(c)
                                     bits = (some[a + k] >> shift) | ((some[b + k] << one) << back)
-                                    found |= bits & profile[m + k]
-                                if found == 0:
-                                    continue
-                                for c in range(min(LINES, top + 1 - i)):
-                                    k = np.uint64(c)
-                                    bits = (some[a + k] >> shift) | ((some[b + k] << one) << back)
-                                    if bits & profile[m + k] == 0:
-                                        continue
+                                    ahead |= np.uint64(bits & profile[m + k] != 0) << k
+                                ahead &= (one << np.uint64(min(LINES, top + 1 - i))) - one
+                                while ahead:
+                                    c = np.int64(_lowest_bit(ahead))
+                                    ahead &= ahead - one
                                     step = abs(i + c)
                                     start = ((x + i + c - first) * lines + line + w) * beams + beam
                                     p = np.uint64(start * LINES)
@@ -502,19 +517,19 @@ def _lay(table, shape, wraps, sizes, reach, value, free, some, stencil, profile,
                                         bits = (free[p + e] >> shift) | (
                                             (free[q + e] << one) << back
                                         )
-                                        found |= bits & stencil[lay + e]
+                                        found |= np.uint64(bits & stencil[lay + e] != 0) << e
                                     if found == 0:
                                         continue
                                     to = (x + i + c) * shape[1] + beam * LINES
                                     to = to * shape[2] + bit + w * WORD
-                                    for d in range(LINES):
+                                    while found:
+                                        d = np.int64(_lowest_bit(found))
+                                        found &= found - one
                                         e = np.uint64(d)
                                         bits = (free[p + e] >> shift) | (
                                             (free[q + e] << one) << back
                                         )
                                         bits &= stencil[lay + e]
-                                        if bits == 0:
-                                            continue
                                         free[p + e] &= ~(bits << shift)
                                         free[q + e] &= ~((bits >> one) >> back)
                                         while bits:
@@ -522,7 +537,7 @@ def _lay(table, shape, wraps, sizes, reach, value, free, some, stencil, profile,
                                             out[np.uint64(place)] = value
                                             bits &= bits - one
                                             done += 1
-                                    bits, found = np.uint64(0), np.uint64(0)
+                                    k, bits, found = np.uint64(c), np.uint64(0), np.uint64(0)
                                     for d in range(LINES):
                                         bits |= free[p + np.uint64(d)]
                                         found |= free[q + np.uint64(d)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from porous.measures._census import Census
 from porous.measures._phase import voxels_of
-from porous.measures._thickness import local_and_widths
+from porous.measures._thickness import local_and_widths, thickness_voxels
 from porous.values import Frame, Measures, VoxelGrid
 from porous.values.value import Value
 
@@ -213,7 +213,8 @@ class Sample:
     def _local(self, phase: str) -> tuple[LocalThickness, Widths]:
         def make() -> tuple[LocalThickness, Widths]:
             squares = self.squares(phase)
-            return local_and_widths(self.grid, phase, self.how.beyond, squares, self.progress)
+            voxels = thickness_voxels(self.grid, phase, self.how.beyond)
+            return local_and_widths(self.grid, phase, voxels, squares, self.progress)
 
         return self._once(f"thickness of {phase}", make)
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from porous.kernels.diameters import Widths
     from porous.kernels.distance import Squares
+    from porous.measures._phase import Voxels
     from porous.values import Frame
     from porous.values.tiled import Tiled
 
@@ -147,36 +148,42 @@ def local_thickness(
     MemoryLimitError
         Where there is too little memory.
     """
-    return local_and_widths(grid, phase, beyond, squares, progress)[0]
+    from porous.kernels.distance import squared_distances
 
-
-def local_and_widths(
-    grid: Tiled,
-    phase: str,
-    beyond: str,
-    squares: Squares | None = None,
-    progress: Progress | None = None,
-) -> tuple[LocalThickness, Widths]:
-    """Return what ``local_thickness`` does, and how wide balls are by which it was told."""
-    from porous.kernels.diameters import half_widths, smallest, tally, widths
-    from porous.kernels.distance import FAR, squared_distances
-    from porous.kernels.thickness import largest_balls
-
-    frame = grid.frame
-    alike = len(set(frame.spacing)) == 1
-    voxels = voxels_of(grid, phase, beyond, "local thickness", BYTES[alike])
-    periodic, walled = frame.periodic, voxels.walled
+    frame, voxels = grid.frame, thickness_voxels(grid, phase, beyond)
     if squares is None:
         squares = squared_distances(
             voxels.mask,
             frame.spacing,
-            periodic=periodic,
-            walled=walled,
+            periodic=frame.periodic,
+            walled=voxels.walled,
             progress=_part(progress, 0.0, 0.4),
         )
     elif not np.array_equal(squares.values > 0, voxels.mask):
         raise GridError("squares: got those of another body; wanted those of this phase")
-    if squares.values.max() >= FAR:
+    return local_and_widths(grid, phase, voxels, squares, progress)[0]
+
+
+def thickness_voxels(grid: Tiled, phase: str, beyond: str) -> Voxels:
+    """Return the voxels of a phase, once it is known that there is room for local thickness."""
+    alike = len(set(grid.frame.spacing)) == 1
+    return voxels_of(grid, phase, beyond, METHOD, BYTES[alike])
+
+
+def local_and_widths(
+    grid: Tiled, phase: str, voxels: Voxels, squares: Squares, progress: Progress | None = None
+) -> tuple[LocalThickness, Widths]:
+    """Return what ``local_thickness`` does of a phase's voxels and the squares of their distances.
+
+    And how wide balls are by which it was told.
+    """
+    from porous.kernels.diameters import half_widths, smallest, tally, widths
+    from porous.kernels.distance import FAR
+    from porous.kernels.thickness import largest_balls
+
+    frame = grid.frame
+    periodic, walled = frame.periodic, voxels.walled
+    if squares.values[0, 0, 0] >= FAR:  # then all are
         raise GridError(
             f"local thickness: all voxels are {phase}, which ends nowhere; wanted both phases"
         )
