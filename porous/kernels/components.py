@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from porous.kernels._shared import kernel, slabs, source
+from porous.kernels._shared import kernel, popcount, slabs, source, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -85,20 +85,73 @@ def label_runs(
     """
     if connectivity not in (6, 26):
         raise ValueError(f"connectivity: got {connectivity!r}; wanted 6 or 26")
-    wide = int(connectivity == 26)
-    given = source(mask, np.bool_).view(np.uint8)
-    planes = max(1, SLAB // (mask.shape[1] * mask.shape[2]))
-    offsets, starts, stops = _runs_of(given, planes)
+
+    def choose(first: int, last: int) -> NDArray[np.bool_]:
+        return mask[first:last]
+
+    shape = mask.shape
+    runs = label_chosen(choose, shape, periodic=periodic, progress=progress)
+    if connectivity == 6:
+        return runs
+    numbers, total = widened(runs, shape, periodic=periodic)
+    return runs._replace(labels=numbers[runs.labels], total=total)
+
+
+def label_chosen(
+    choose: Callable[[int, int], NDArray[np.bool_]],
+    shape: Index,
+    *,
+    periodic: Axes = (False, False, False),
+    progress: Progress | None = None,
+) -> Runs:
+    """Find what faces join of a phase that is told of some planes at a time.
+
+    Parameters
+    ----------
+    choose
+        ``choose(first, last)`` returns the mask of these planes along x; called on all threads.
+    shape
+        Numbers of voxels.
+    periodic, progress
+        As in ``label_runs``.
+
+    Raises
+    ------
+    ValueError
+        For a mask with more runs than an int32 can number.
+    """
+    planes = max(1, SLAB // (shape[1] * shape[2]))
+    offsets, starts, stops = _runs_of(choose, shape, planes)
     parent = np.arange(len(starts), dtype=np.int32)
     wraps = np.array(periodic, np.int64)
 
-    def link(a, b, *, seam):
-        _link(offsets, starts, stops, given.shape, wraps, wide, a, b, seam, parent)
+    def link(a: int, b: int, *, seam: bool) -> None:
+        _link(offsets, starts, stops, shape, wraps, a, b, seam, parent)
 
-    slabs(mask.shape[0], planes, lambda a, b: link(a, b, seam=False), progress)
-    for seam in range(0 if periodic[0] else planes, mask.shape[0], planes):
+    slabs(shape[0], planes, lambda a, b: link(a, b, seam=False), progress)
+    for seam in range(0 if periodic[0] else planes, shape[0], planes):
         link(seam, seam + 1, seam=True)
     return Runs(offsets, starts, stops, parent, int(_settle(parent)))
+
+
+def widened(
+    runs: Runs, shape: Index, *, periodic: Axes = (False, False, False)
+) -> tuple[NDArray[np.int32], int]:
+    """Join components of faces where edges and corners join them too.
+
+    Returns
+    -------
+    numbers
+        int32, shape (runs.total,): the component, in raster order, that each is of.
+    total
+        How many these are.
+    """
+    parent = np.arange(runs.total, dtype=np.int32)
+    wraps = np.array(periodic, np.int64)
+    planes = max(1, SLAB // (shape[1] * shape[2]))
+    for first in range(0, shape[0] if runs.total > 1 else 0, planes):
+        _widen(*runs[:4], shape, wraps, first, min(first + planes, shape[0]), parent)
+    return parent, int(_settle(parent))
 
 
 def label(
@@ -229,47 +282,59 @@ def unite(
     return United(numbers, places, sizes[first], marks[first])
 
 
-def _runs_of(given, planes):
-    rows = given.shape[0] * given.shape[1]
-    offsets = np.zeros(rows + 1, np.int64)
+def _runs_of(choose, shape, planes):
+    nx, ny, nz = shape
+    bits = np.empty((nx, ny, -(-nz // 64)), np.uint64)
+    offsets = np.zeros(nx * ny + 1, np.int64)
     none = np.empty(0, np.int32)
-    slabs(given.shape[0], planes, lambda a, b: _scan(given, a, b, offsets, none, none))
+
+    def count(first, last):
+        room = np.zeros((last - first, ny, 64 * bits.shape[2]), np.bool_)
+        room[:, :, :nz] = choose(first, last)
+        bits[first:last] = words_of(room)
+        _scan(bits, nz, first, last, offsets, none, none)
+
+    slabs(nx, planes, count)
     np.cumsum(offsets, out=offsets)
     if offsets[-1] > LARGEST:
         raise ValueError(f"mask: got {offsets[-1]} runs; wanted {LARGEST} at most: smaller tiles")
     starts, stops = (np.empty(offsets[-1], np.int32) for _ in range(2))
     if len(starts):
-        slabs(given.shape[0], planes, lambda a, b: _scan(given, a, b, offsets, starts, stops))
+        slabs(nx, planes, lambda a, b: _scan(bits, nz, a, b, offsets, starts, stops))
     return offsets, starts, stops
 
 
 @kernel
-def _scan(mask, first, last, offsets, starts, stops):
+def _scan(bits, length, first, last, offsets, starts, stops):
     """Count the runs of each row, into the place after it, or write them where there is room."""
-    _, ny, nz = mask.shape
+    one = np.uint64(1)
+    ny, words = bits.shape[1], bits.shape[2]
     write = len(starts) > 0
     for i in range(first, last):
         for j in range(ny):
-            row = mask[i, j]
-            run = offsets[i * ny + j] if write else 0
-            before = 0
-            for k in range(nz):
-                now = row[k]
-                if now != before:
-                    if now:
-                        if write:
-                            starts[run] = k
+            row = i * ny + j
+            run = offsets[row] if write else 0
+            before = np.uint64(0)
+            for w in range(words):
+                word = bits[i, j, w]
+                changes = word ^ (word << one | before)
+                before = word >> np.uint64(63)
+                if not write:
+                    run += np.int64(popcount(changes & word))
+                    continue
+                while changes:
+                    lowest = changes & (~changes + one)
+                    changes ^= lowest
+                    place = 64 * w + np.int64(popcount(lowest - one))
+                    if word & lowest:
+                        starts[run] = place
                     else:
-                        if write:
-                            stops[run] = k
+                        stops[run] = place
                         run += 1
-                    before = now
-            if before:
-                if write:
-                    stops[run] = nz
-                run += 1
+            if write and before:
+                stops[run] = length
             if not write:
-                offsets[i * ny + j + 1] = run
+                offsets[row + 1] = run
 
 
 @kernel
@@ -288,19 +353,12 @@ def _join(parent, a, b):
 
 
 @kernel
-def _meet(offsets, starts, stops, a, b, nz, wraps, wide, parent):
-    """Join the touching runs of rows a and b; ``wide`` lets them touch at a corner."""
+def _meet(offsets, starts, stops, a, b, parent):
+    """Join the runs of rows a and b that share a face."""
     p, p_end = offsets[a], offsets[a + 1]
     q, q_end = offsets[b], offsets[b + 1]
-    if p == p_end or q == q_end:
-        return
-    if wraps and wide:
-        if starts[p] == 0 and stops[q_end - 1] == nz:
-            _join(parent, p, q_end - 1)
-        if starts[q] == 0 and stops[p_end - 1] == nz:
-            _join(parent, q, p_end - 1)
     while p < p_end and q < q_end:
-        if starts[p] < stops[q] + wide and starts[q] < stops[p] + wide:
+        if starts[p] < stops[q] and starts[q] < stops[p]:
             _join(parent, p, q)
         if stops[p] < stops[q]:
             p += 1
@@ -309,7 +367,7 @@ def _meet(offsets, starts, stops, a, b, nz, wraps, wide, parent):
 
 
 @kernel
-def _link(offsets, starts, stops, shape, wraps, wide, first, last, seam, parent):
+def _link(offsets, starts, stops, shape, wraps, first, last, seam, parent):
     """Join the runs of planes ``first`` … ``last`` (not within) with those before them.
 
     Plane ``first`` is joined with the one before it only where ``seam`` is true, and then that is
@@ -325,14 +383,48 @@ def _link(offsets, starts, stops, shape, wraps, wide, first, last, seam, parent)
                     if starts[p] == 0 and stops[q] == nz:
                         _join(parent, p, q)
                 if j > 0 or wraps[1]:
-                    other = i * ny + (j - 1) % ny
-                    _meet(offsets, starts, stops, row, other, nz, wraps[2], wide, parent)
+                    _meet(offsets, starts, stops, row, i * ny + (j - 1) % ny, parent)
             if seam or i > first:
+                _meet(offsets, starts, stops, row, (i - 1) % nx * ny + j, parent)
+
+
+@kernel
+def _near(offsets, starts, stops, labels, a, b, nz, wraps, parent):
+    """Join the components of runs of rows a and b that touch, if in a corner only."""
+    p, p_end = offsets[a], offsets[a + 1]
+    q, q_end = offsets[b], offsets[b + 1]
+    if p == p_end or q == q_end:
+        return
+    if wraps:
+        if starts[p] == 0 and stops[q_end - 1] == nz:
+            _join(parent, labels[p], labels[q_end - 1])
+        if starts[q] == 0 and stops[p_end - 1] == nz:
+            _join(parent, labels[q], labels[p_end - 1])
+    while p < p_end and q < q_end:
+        if starts[p] <= stops[q] and starts[q] <= stops[p] and labels[p] != labels[q]:
+            _join(parent, labels[p], labels[q])
+        if stops[p] < stops[q]:
+            p += 1
+        else:
+            q += 1
+
+
+@kernel
+def _widen(offsets, starts, stops, labels, shape, wraps, first, last, parent):
+    """Join components about the rows of planes ``first`` … ``last`` (not within)."""
+    nx, ny, nz = shape
+    for i in range(first, last):
+        for j in range(ny):
+            row = i * ny + j
+            if j > 0 or wraps[1]:
+                other = i * ny + (j - 1) % ny
+                _near(offsets, starts, stops, labels, row, other, nz, wraps[2], parent)
+            if i > 0 or wraps[0]:
                 plane = (i - 1) % nx * ny
-                for step in range(-wide, wide + 1):
+                for step in range(-1, 2):
                     if 0 <= j + step < ny or wraps[1]:
                         other = plane + (j + step) % ny
-                        _meet(offsets, starts, stops, row, other, nz, wraps[2], wide, parent)
+                        _near(offsets, starts, stops, labels, row, other, nz, wraps[2], parent)
 
 
 @kernel
@@ -353,6 +445,8 @@ def _paint(offsets, starts, stops, labels, rows, first, out):
     """Write the labels of rows, from voxel ``first`` on, as many as ``out`` is wide."""
     for r in range(len(rows)):
         for run in range(offsets[rows[r]], offsets[rows[r] + 1]):
+            if starts[run] - first >= out.shape[1]:
+                break
             for k in range(max(starts[run] - first, 0), min(stops[run] - first, out.shape[1])):
                 out[r, k] = labels[run] + 1
 

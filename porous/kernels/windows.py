@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.kernels._shared import kernel, popcount, slabs
+from porous.kernels._shared import kernel, popcount, slabs, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -219,7 +219,7 @@ def layer_windows(
         planes = max(1, SLAB // (len(layers[1]) * len(layers[2])))
         result = np.zeros((-(-count // planes), 27, 256), np.int64)
         first, second, third = (_sights(axis, step) for axis in layers)
-        masks = _as_words(np.equal.outer(np.arange(3), _to_words(third, 3)))
+        masks = words_of(np.equal.outer(np.arange(3), _to_words(third, 3)))
 
         def work(a: int, b: int) -> None:
             bits = _packed(fill, layers[0][a : b + step], *layers[1:])
@@ -246,19 +246,13 @@ def _to_words(line: NDArray[np.int64], other: int) -> NDArray[np.int64]:
     return np.pad(line, (0, -len(line) % 64), constant_values=other)
 
 
-def _as_words(flags: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    """Return flags as bits, 64 to a word, the first in its lowest bit; rows are whole words."""
-    bits = np.packbits(flags.reshape(-1), bitorder="little")
-    return bits.view("<u8").reshape(*flags.shape[:-1], -1)
-
-
 def _packed(fill, xs, ys, zs):
     """Return bits (i, j, p) set where the voxel (xs[i], ys[j], zs[p]) is solid, 64 to a word."""
     room = np.zeros((len(xs), len(ys), -(-len(zs) // 64) * 64), np.bool_)
     for parts in product(*map(_stretches, (xs, ys, zs))):
         there, here = (tuple(slices) for slices in zip(*parts, strict=True))
         np.greater_equal(fill[here], 128, out=room[there])
-    return _as_words(room)
+    return words_of(room)
 
 
 def _stretches(layers):

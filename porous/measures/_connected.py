@@ -7,13 +7,20 @@ and what it touches: a sum takes no more memory than its border.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from porous.kernels.components import label_runs, layer_labels, sizes_from, touching, unite
-from porous.measures._fold import Block
+from porous.kernels.components import (
+    label_chosen,
+    layer_labels,
+    sizes_from,
+    touching,
+    unite,
+    widened,
+)
+from porous.measures._fold import Block, Held
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -253,38 +260,68 @@ class Phase:
 
     def __call__(self, source: Tiled, start: Index, stop: Index) -> PieceCounts:
         """Count the pieces of the tile ``start`` … ``stop`` (not within)."""
+        held = source if isinstance(source, Held) else Held(source)
+        joined = replace(self, connectivity=6)
+        found = held.once((joined, start, stop), lambda: joined.by_faces(held, start, stop))
+        if self.connectivity == 26:
+            found = found.widened()
+        return _joined(Pieces.none(), found.sizes, found.marks, found.seen)
+
+    def by_faces(self, source: Tiled, start: Index, stop: Index) -> _Found:
+        """Return what faces join of a tile; edges and corners join some of that."""
         block = Block.of(source, start, stop)
-        mask = self._mask(block)
-        runs = label_runs(mask, self.connectivity)
-        sizes = sizes_from(runs, mask.shape, tuple(map(int, block.halo)))  # type: ignore[arg-type]
+        shape = block.fill.shape
+        runs = label_chosen(lambda a, b: self._mask(block, slice(a, b)), shape)
+        sizes = sizes_from(runs, shape, tuple(map(int, block.halo)))  # type: ignore[arg-type]
         marks: Ints = np.zeros(runs.total, np.int64)
-        for mark, axis, layer in self._marked_layers(block, source.frame):
-            labels = layer_labels(runs, mask.shape, axis, layer)
+        for (axis, layer), mark in self._marked_layers(block, source.frame).items():
+            labels = layer_labels(runs, shape, axis, layer)
             marks[labels[labels > 0] - 1] |= mark
         if self.in_bulk and block.bulk is not None:
             beyond = (block.fill < 128) & (block.bulk < 128)
             marks[touching(runs, _grown(beyond))] |= OUTSIDE
         seen = Sightings.of(list(_shared_layers(block, source.frame, runs)))
-        return _joined(Pieces.none(), sizes, marks, seen)
+        return _Found(runs, shape, sizes, marks, seen)
 
-    def _mask(self, block: Block) -> Bools:
-        phase = block.fill >= 128 if self.solid else block.fill < 128
+    def _mask(self, block: Block, planes: slice) -> Bools:
+        fill = block.fill[planes]
+        phase = fill >= 128 if self.solid else fill < 128
         if self.in_bulk and block.bulk is not None:
-            phase &= block.bulk >= 128
+            phase &= block.bulk[planes] >= 128
         return np.asarray(phase)
 
-    def _marked_layers(self, block: Block, frame: Frame) -> Iterator[tuple[int, int, int]]:
-        """Yield a mark, and the layer of the block, by axis and place, that gives it to pieces."""
+    def _marked_layers(self, block: Block, frame: Frame) -> dict[tuple[int, int], int]:
+        """Return marks that layers of the block, by axis and place, give to pieces."""
+        found: dict[tuple[int, int], int] = {}
         for axis in (a for a in range(3) if not frame.periodic[a]):
             n = block.fill.shape[axis]
             for mark, layer in ((LOW, self.first[axis]), (HIGH, self.last[axis])):
                 place = layer - block.first[axis] + block.halo[axis]
                 if block.halo[axis] <= place < n:
-                    yield mark << axis, axis, place
-            if not block.halo[axis]:
-                yield OUTSIDE, axis, 0
-            if block.ends[axis]:
-                yield OUTSIDE, axis, n - 1
+                    found[axis, place] = found.get((axis, place), 0) | mark << axis
+            sides = ((0, not block.halo[axis]), (n - 1, block.ends[axis]))
+            for place in (place for place, is_outside in sides if is_outside):
+                found[axis, place] = found.get((axis, place), 0) | OUTSIDE
+        return found
+
+
+class _Found(NamedTuple):
+    """Components of a tile: their runs, sizes and marks, and the voxels that other tiles see."""
+
+    runs: Runs
+    shape: Index
+    sizes: Ints
+    marks: Ints
+    seen: Sightings
+
+    def widened(self) -> _Found:
+        """Return what edges and corners join besides; the runs keep their components."""
+        numbers, total = widened(self.runs, self.shape)
+        sizes, marks = (np.zeros(total, np.int64) for _ in range(2))
+        np.add.at(sizes, numbers, self.sizes)
+        np.bitwise_or.at(marks, numbers, self.marks)
+        seen = replace(self.seen, owners=numbers[self.seen.owners])
+        return _Found(self.runs, self.shape, sizes, marks, seen)
 
 
 def _shared_layers(block: Block, frame: Frame, runs: Runs) -> Iterator[Sightings]:

@@ -143,7 +143,7 @@ class Together:
         """Take them all of one tile."""
         if len(self.counts) == 1:
             return Sums((self.counts[0](source, start, stop),))
-        held = _Held(source)
+        held = Held(source)
         held.block(tuple(max(0, a - DEPTH) for a in start), stop)  # type: ignore[arg-type]
         return Sums(tuple(count(held, start, stop) for count in self.counts))
 
@@ -163,11 +163,22 @@ DEPTH = 2
 
 
 @dataclass(frozen=True)
-class _Held:
-    """A source that keeps the boxes it has given out, for counts that ask for them again."""
+class Held:
+    """A source that keeps the boxes it has given out, for counts that ask for them again.
+
+    So does it what several counts of a tile are made of.
+    """
 
     source: Tiled
     boxes: list[tuple[Index, Index, Voxels]] = field(default_factory=list)
+    kept: dict[Any, Any] = field(default_factory=dict)
+
+    def once(self, key: Any, make: Callable[[], C]) -> C:
+        """Return what ``make`` returned when it was first asked for by this key."""
+        if key not in self.kept:
+            self.kept[key] = make()
+        found: C = self.kept[key]
+        return found
 
     @property
     def frame(self) -> Frame:
