@@ -3,7 +3,7 @@
 Layers are added from below, and voids that touch are joined. A void of the layer at hand drains if
 what it is joined with by then, which lies no higher, touches the outside; else it holds what is in
 it for good, whatever comes above. So one pass finds the level of the lowest spill of every voxel.
-Elements are runs of void along the last axis.
+Elements are spans of void.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.kernels._shared import kernel, slabs, source
+from porous.kernels._shared import kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from porous.kernels.spans import Layers
 
 CALL = 1 << 22
 """Voxels that one kernel call looks at, about."""
@@ -27,7 +29,7 @@ PORE, BEYOND = 1, 2
 
 
 def held(
-    kinds: NDArray[np.uint8],
+    layers: Layers,
     connectivity: int,
     *,
     periodic: tuple[bool, bool] = (False, False),
@@ -37,13 +39,13 @@ def held(
 
     Parameters
     ----------
-    kinds
-        uint8, shape (layers, y, z), the lowest layer first: 0 solid, ``PORE`` or ``BEYOND``, from
-        where all flows off. So it does from below, above and the sides without period.
+    layers
+        Spans of ``PORE`` and ``BEYOND``, the lowest layer first. From what lies beyond all flows
+        off, and so it does from below, above and the sides without period.
     connectivity
         6 or 26: how voids are joined.
     periodic
-        Whether layers close on themselves, along y and z.
+        Whether layers close on themselves: across lines, and along them.
     progress
         Called as ``progress(done, count)`` in layers; raising in it cancels.
 
@@ -51,50 +53,19 @@ def held(
     -------
     int64, shape (layers,). Pores that no way leads out of are not counted.
     """
-    layers, ny, nz = kinds.shape
-    given, wide = source(kinds, np.uint8), int(connectivity == 26)
-    size = max(1, CALL // (ny * nz))
-    offsets = np.zeros(layers * ny + 1, np.int64)
-    none = np.zeros((0, 2), np.int32)
-    slabs(layers, size, lambda a, b: _scan(given, offsets, none, a, b))
-    np.cumsum(offsets, out=offsets)
-    spans = np.zeros((offsets[-1], 2), np.int32)
-    if len(spans):
-        slabs(layers, size, lambda a, b: _scan(given, offsets, spans, a, b))
+    (_, _, offsets, spans, kinds), numbers = layers
+    count, rows, length = numbers[:3].tolist()
+    size, wide = max(1, CALL // (rows * length)), int(connectivity == 26)
     parent, marks = np.arange(len(spans), dtype=np.int32), np.zeros(len(spans), np.uint8)
     wraps = np.array(periodic, np.int64)
-    for first in range(0, layers, size):
-        last = min(first + size, layers)
-        _rise(given, offsets, spans, wraps, wide, parent, marks, first, last)
+    for first in range(0, count, size):
+        last = min(first + size, count)
+        _rise(kinds, numbers, offsets, spans, wraps, wide, parent, marks, first, last)
         if progress is not None:
-            progress(last, layers)
-    result = np.zeros(layers, np.int64)
-    _sum(given, offsets, spans, parent, marks, result)
+            progress(last, count)
+    result = np.zeros(count, np.int64)
+    _sum(numbers, offsets, spans, parent, marks, result)
     return result
-
-
-@kernel
-def _scan(kinds, offsets, spans, first, last):
-    # Count the runs of one kind of void in each row, or write them where there is room.
-    _, ny, nz = kinds.shape
-    write = len(spans) > 0
-    for i in range(first, last):
-        for j in range(ny):
-            run = offsets[i * ny + j] if write else 0
-            before = 0
-            for k in range(nz + 1):
-                now = np.int64(kinds[i, j, k]) if k < nz else 0
-                if now == before:
-                    continue
-                if before:
-                    if write:
-                        spans[run, 1] = k
-                    run += 1
-                if now and write:
-                    spans[run, 0] = k
-                before = now
-            if not write:
-                offsets[i * ny + j + 1] = run
 
 
 @kernel
@@ -107,6 +78,8 @@ def _root(parent, a):
 
 @kernel
 def _unite(parent, marks, a, b):
+    if parent[a] == parent[b]:
+        return
     a, b = _root(parent, a), _root(parent, b)
     if a > b:
         a, b = b, a
@@ -136,19 +109,20 @@ def _meet(offsets, spans, parent, marks, a, b, nz, wraps, wide):
 
 
 @kernel
-def _rise(kinds, offsets, spans, wraps, wide, parent, marks, first, last):
+def _rise(kinds, numbers, offsets, spans, wraps, wide, parent, marks, first, last):
     # Marks of a run: 1 joined with the outside (at its root), 2 holds what is in it.
-    layers, ny, nz = kinds.shape
+    layers, ny, nz, start, up, beside = numbers
     for i in range(first, last):
+        low = start + i * up
         for j in range(ny):
-            row = i * ny + j
+            row = low + j * beside
             side = i == 0 or (not wraps[0] and (j == 0 or j == ny - 1))
             for r in range(offsets[row], offsets[row + 1]):
                 edge = not wraps[1] and (spans[r, 0] == 0 or spans[r, 1] == nz)
-                if side or edge or kinds[i, j, spans[r, 0]] == BEYOND:
+                if side or edge or kinds[r] == BEYOND:
                     marks[r] = 1
         for j in range(ny):
-            row = i * ny + j
+            row = low + j * beside
             for r in range(offsets[row], offsets[row + 1] - 1):
                 if spans[r, 1] == spans[r + 1, 0]:
                     _unite(parent, marks, r, r + 1)
@@ -157,7 +131,7 @@ def _rise(kinds, offsets, spans, wraps, wide, parent, marks, first, last):
                 if spans[p, 0] == 0 and spans[q, 1] == nz:
                     _unite(parent, marks, p, q)
             if j or wraps[0]:
-                other = row - 1 if j else row + ny - 1
+                other = row - beside if j else row + (ny - 1) * beside
                 _meet(offsets, spans, parent, marks, row, other, nz, wraps[1], wide)
             if i == 0:
                 continue
@@ -166,22 +140,24 @@ def _rise(kinds, offsets, spans, wraps, wide, parent, marks, first, last):
                 if wraps[0]:
                     y %= ny
                 if 0 <= y < ny:
-                    other = (i - 1) * ny + y
+                    other = low - up + y * beside
                     _meet(offsets, spans, parent, marks, row, other, nz, wraps[1], wide)
-        for r in range(offsets[i * ny], offsets[i * ny + ny]):
-            if marks[_root(parent, r)] & 1 == 0:
-                marks[r] |= 2
-        if i == layers - 1:
-            for r in range(offsets[i * ny], offsets[i * ny + ny]):
+        for j in range(ny):
+            row = low + j * beside
+            for r in range(offsets[row], offsets[row + 1]):
+                if marks[_root(parent, r)] & 1 == 0:
+                    marks[r] |= 2
+        for j in range(ny if i == layers - 1 else 0):
+            row = low + j * beside
+            for r in range(offsets[row], offsets[row + 1]):
                 marks[_root(parent, r)] |= 1
 
 
 @kernel
-def _sum(kinds, offsets, spans, parent, marks, result):
-    layers, ny, _ = kinds.shape
-    for i in range(layers):
-        for j in range(ny):
-            row = i * ny + j
+def _sum(numbers, offsets, spans, parent, marks, result):
+    for i in range(numbers[0]):
+        for j in range(numbers[1]):
+            row = numbers[3] + i * numbers[4] + j * numbers[5]
             for r in range(offsets[row], offsets[row + 1]):
                 if marks[r] & 2 and marks[_root(parent, r)] & 1:
                     result[i] += spans[r, 1] - spans[r, 0]

@@ -1,6 +1,6 @@
 """Bodies that grow layer by layer: what of a layer hangs in the air while it is printed.
 
-Runs of a layer that share faces are joined in a forest; what lies below each piece, or as near to
+Spans of a layer that share faces are joined in a forest; what lies below each piece, or as near to
 that as ``reach`` says, tells whether it stands on something. The state between two layers is one
 layer, so that work may stop and go on between any two.
 """
@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.kernels.spans import Layers
+
 CALL = 1 << 22
 """Voxels that one kernel call looks at, about."""
 
 
 def hanging(
-    solid: NDArray[np.bool_],
+    layers: Layers,
     reach: NDArray[np.int64],
     *,
     periodic: tuple[bool, bool] = (False, False),
@@ -33,13 +35,13 @@ def hanging(
 
     Parameters
     ----------
-    solid
-        bool, shape (layers, y, z), the lowest layer first.
+    layers
+        Spans of solid, the lowest layer first.
     reach
-        int64, shape (n, 2): steps, in voxels, from below a voxel to where something may carry it;
-        (0, 0) among them.
+        int64, shape (n, 2): steps, in voxels, from below a voxel to where something may carry it,
+        across lines and along them; (0, 0) among them.
     periodic
-        Whether layers close on themselves, along y and z.
+        Whether layers close on themselves: across lines, and along them.
     progress
         Called as ``progress(done, count)`` in layers; raising in it cancels.
 
@@ -49,77 +51,55 @@ def hanging(
     nothing within reach below; their voxels; and the voxels of all pieces that stand on nothing
     but islands. The first layer with a solid voxel stands on the plate.
     """
-    layers, ny, nz = solid.shape
-    given, steps = source(solid, np.bool_).view(np.uint8), source(reach, np.int64)
-    most = ny * (nz // 2 + 1)
-    rows = np.zeros(ny + 1, np.int64)
-    runs = np.zeros((most, 4), np.int32)
-    below, state = np.zeros((ny, nz), np.uint8), np.zeros(1, np.int64)
-    wraps = np.array(periodic, np.int64)
-    result = np.zeros((layers, 3), np.int64)
-    size = max(1, CALL // (ny * nz))
-    for first in range(0, layers, size):
-        last = min(first + size, layers)
-        _rise(given, steps, wraps, below, state, rows, runs, result, first, last)
+    (_, _, offsets, spans, _), numbers = layers
+    count, rows, length = numbers[:3].tolist()
+    steps, wraps = source(reach, np.int64), np.array(periodic, np.int64)
+    below, state = np.zeros((rows, length), np.uint8), np.zeros(1, np.int64)
+    forest = np.arange(len(spans), dtype=np.int32), np.zeros(len(spans), np.uint8)
+    result, size = np.zeros((count, 3), np.int64), max(1, CALL // (rows * length))
+    for first in range(0, count, size):
+        last = min(first + size, count)
+        _rise(numbers, offsets, spans, steps, wraps, below, state, forest, result, first, last)
         if progress is not None:
-            progress(last, layers)
+            progress(last, count)
     return result
 
 
 @kernel
-def _root(runs, a):
-    while runs[a, 2] != a:
-        runs[a, 2] = runs[runs[a, 2], 2]
-        a = runs[a, 2]
+def _root(parent, a):
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
     return a
 
 
 @kernel
-def _unite(runs, a, b):
-    a, b = _root(runs, a), _root(runs, b)
-    if a < b:
-        runs[b, 2] = a
-    else:
-        runs[a, 2] = b
+def _unite(parent, a, b):
+    a, b = _root(parent, a), _root(parent, b)
+    parent[max(a, b)] = min(a, b)
 
 
 @kernel
-def _pieces(layer, wraps, rows, runs):
-    # Runs of a layer: first voxel, end, parent in the forest of pieces, what is below (bits).
-    ny, nz = layer.shape
-    n = 0
+def _join(numbers, offsets, spans, wraps, low, parent):
+    # Join the spans of a layer, whose first line is ``low``, that touch.
+    ny, nz, beside = numbers[1], numbers[2], numbers[5]
     for j in range(ny):
-        rows[j] = n
-        before = 0
-        for k in range(nz):
-            now = layer[j, k]
-            if now and not before:
-                runs[n, 0], runs[n, 2], runs[n, 3] = k, n, 0
-            if before and not now:
-                runs[n, 1] = k
-                n += 1
-            before = now
-        if before:
-            runs[n, 1] = nz
-            n += 1
-    rows[ny] = n
-    for j in range(ny):
-        if wraps[1] and rows[j] < rows[j + 1]:
-            p, q = rows[j], rows[j + 1] - 1
-            if runs[p, 0] == 0 and runs[q, 1] == nz:
-                _unite(runs, p, q)
+        row = low + j * beside
+        if wraps[1] and offsets[row] < offsets[row + 1]:
+            p, q = offsets[row], offsets[row + 1] - 1
+            if spans[p, 0] == 0 and spans[q, 1] == nz:
+                _unite(parent, p, q)
         if j == 0 and not wraps[0]:
             continue
-        other = j - 1 if j else ny - 1
-        p, q = rows[j], rows[other]
-        while p < rows[j + 1] and q < rows[other + 1]:
-            if runs[p, 0] < runs[q, 1] and runs[q, 0] < runs[p, 1]:
-                _unite(runs, p, q)
-            if runs[p, 1] < runs[q, 1]:
+        other = row - beside if j else row + (ny - 1) * beside
+        p, q = offsets[row], offsets[other]
+        while p < offsets[row + 1] and q < offsets[other + 1]:
+            if spans[p, 0] < spans[q, 1] and spans[q, 0] < spans[p, 1]:
+                _unite(parent, p, q)
+            if spans[p, 1] < spans[q, 1]:
                 p += 1
             else:
                 q += 1
-    return n
 
 
 @kernel
@@ -145,29 +125,30 @@ def _carried(below, reach, wraps, j, start, stop):
 
 
 @kernel
-def _rise(solid, reach, wraps, below, state, rows, runs, result, first, last):
-    ny = solid.shape[1]
+def _rise(numbers, offsets, spans, reach, wraps, below, state, forest, result, first, last):
+    # What is found below a piece, at its root: 1 for solid, 2 if it stands.
+    parent, found = forest
+    ny, beside = numbers[1], numbers[5]
     for i in range(first, last):
-        count = _pieces(solid[i], wraps, rows, runs)
+        low = numbers[3] + i * numbers[4]
+        _join(numbers, offsets, spans, wraps, low, parent)
         plate = state[0] == 0
-        if count:
-            state[0] = 1
         for j in range(ny):
-            for r in range(rows[j], rows[j + 1]):
-                root = _root(runs, r)
+            row = low + j * beside
+            for r in range(offsets[row], offsets[row + 1]):
+                state[0], root = 1, _root(parent, r)
                 if plate:
-                    runs[root, 3] = 3
-                elif runs[root, 3] != 3:
-                    runs[root, 3] |= _carried(below, reach, wraps, j, runs[r, 0], runs[r, 1])
+                    found[root] = 3
+                elif found[root] != 3:
+                    found[root] |= _carried(below, reach, wraps, j, spans[r, 0], spans[r, 1])
         below[:] = 0
         for j in range(ny):
-            for r in range(rows[j], rows[j + 1]):
-                root = _root(runs, r)
-                length = runs[r, 1] - runs[r, 0]
-                if runs[root, 3] == 0:
+            row = low + j * beside
+            for r in range(offsets[row], offsets[row + 1]):
+                root, length = _root(parent, r), spans[r, 1] - spans[r, 0]
+                if found[root] == 0:
                     result[i, 0] += root == r
                     result[i, 1] += length
-                if runs[root, 3] != 3:
+                if found[root] != 3:
                     result[i, 2] += length
-                for k in range(runs[r, 0], runs[r, 1]):
-                    below[j, k] = 3 if runs[root, 3] == 3 else 1
+                below[j, spans[r, 0] : spans[r, 1]] = 3 if found[root] == 3 else 1

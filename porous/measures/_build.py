@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from porous.errors import GridError, nearest
 from porous.memory import check_memory
 from porous.values import Measure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    import numpy as np
     from numpy.typing import NDArray
 
+    from porous.kernels.spans import Layers
     from porous.measures._sample import Sample
     from porous.values import Frame
 
@@ -43,15 +43,26 @@ class Direction:
         """The two other axes."""
         return {0: (1, 2), 1: (0, 2), 2: (0, 1)}[self.axis]
 
-    def layers(self, array: NDArray[Any]) -> NDArray[Any]:
-        """Return an array as layers, the first one on the plate."""
-        turned = np.moveaxis(array, self.axis, 0)
-        return np.ascontiguousarray(turned if self.up else turned[::-1])
-
     def around(self, frame: Frame) -> tuple[bool, bool]:
         """Tell along which axes layers close on themselves."""
         first, second = self.across
         return frame.periodic[first], frame.periodic[second]
+
+
+def layers_of(kinds: NDArray[np.uint8], directions: Iterable[Direction]) -> dict[Direction, Layers]:
+    """Return the layers of a grid in some directions, the first one on the plate.
+
+    Lines of a layer, and voxels of a line, are those along the direction's axes ``across``.
+    """
+    from porous.kernels.spans import spans
+
+    found, result = {}, {}
+    for direction in directions:
+        along = direction.across[1]
+        if along not in found:
+            found[along] = spans(kinds, along)
+        result[direction] = found[along].layers(direction.axis, up=direction.up)
+    return result
 
 
 DIRECTIONS = tuple(Direction(axis, up) for axis in range(3) for up in (True, False))

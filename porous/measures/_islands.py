@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from porous.measures._build import Direction, angle_of, check_room, directions_named, paired, row
+from porous.measures._build import (
+    Direction,
+    angle_of,
+    check_room,
+    directions_named,
+    layers_of,
+    paired,
+    row,
+)
 from porous.measures._sample import Sample, Survey
 from porous.values import Curve, Measures
 
@@ -16,13 +24,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.kernels.spans import Layers
     from porous.measures._sample import Progress
     from porous.values import Frame, VoxelGrid
 
 METHOD = "voxel layers"
 
 EACH = 3.0
-"""Bytes per voxel that layers in their order take."""
+"""Bytes per voxel that spans of solid take."""
 
 
 def islands(
@@ -79,13 +88,18 @@ def grid_islands(
     """Return the rows of a grid, and islands by height."""
     check_room(sample.frame, EACH, "islands")
     rows, curves = [], []
+    solid = {
+        id(of): layers_of(of.grid.solid.view(np.uint8), directions)
+        for of in (sample, sample.coarse)
+        if of is not None
+    }
     voxel, unit = sample.frame.voxel_volume, f"{sample.frame.unit}³"
     for place, direction in enumerate(directions):
 
         def told(done: int, count: int, place: int = place) -> None:
             sample.tell("islands", (place + done / count) / len(directions))
 
-        layers = _hanging(sample, direction, told)
+        layers = _hanging(sample, solid[id(sample)][direction], direction, told)
         curves.append(_curve(sample.frame, direction, layers))
 
         def totals(
@@ -94,7 +108,7 @@ def grid_islands(
             here: Sample = sample,
             layers: NDArray[np.int64] = layers,
         ) -> tuple[float, float]:
-            found = layers if of is here else _hanging(of, direction)
+            found = layers if of is here else _hanging(of, solid[id(of)][direction], direction)
             return float(found[:, 0].sum()), float(found[:, 2].sum()) * of.frame.voxel_volume
 
         (count, count_doubt), (volume, volume_doubt) = paired(sample, totals)
@@ -107,13 +121,16 @@ def grid_islands(
 
 
 def _hanging(
-    sample: Sample, direction: Direction, told: Callable[[int, int], None] | None = None
+    sample: Sample,
+    layers: Layers,
+    direction: Direction,
+    told: Callable[[int, int], None] | None = None,
 ) -> NDArray[np.int64]:
     from porous.kernels.layers import hanging
 
     frame = sample.frame
     return hanging(
-        direction.layers(sample.grid.solid),
+        layers,
         _reach(frame, direction, sample.how.overhang),
         periodic=direction.around(frame),
         progress=told,

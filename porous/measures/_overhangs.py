@@ -32,6 +32,9 @@ EACH = 8.0
 WIDTH = 1.5
 """Standard deviation, in voxels, of the Gaussian that fills are smoothed with."""
 
+REACH = 6
+"""How many voxels to either side it is taken over."""
+
 OFF = {True: 0.5, False: 5.0}
 """Degrees that a normal is off: root mean square over the worst plane there was, by whether the
 grid has solid shares between void and solid. Over planes of all directions it is 0.2 and 2."""
@@ -136,9 +139,10 @@ def _rows(sample: Sample, fine: Inclined, coarse: Inclined | None) -> Iterator[M
     angle, unit = sample.how.overhang, sample.frame.unit
     if not fine.total:
         return
+    around = _around(sample, angle)
     for direction in directions_of(sample.frame):
         area = fine.below(direction, angle)
-        steps = [abs(fine.below(direction, a) - area) for a in _around(sample, angle)]
+        steps = [abs(fine.below(direction, a) - area) for a in around]
         doubt, share = math.inf, math.inf
         if coarse is not None and coarse.total:
             there, lost = coarse.below(direction, angle), (fine.total - coarse.total) / SIDES
@@ -191,9 +195,7 @@ def _smoothed(sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.bool_], I
     Beside sides without period lie margins of void, so that sides are faces of the body; or of the
     sides' own voxels where nobody knows what lies beyond them, and there nothing counts.
     """
-    from scipy.ndimage import gaussian_filter1d
-
-    from porous.kernels.normals import MARGIN
+    from porous.kernels.normals import MARGIN, filtered
 
     check_room(sample.frame, EACH, "overhangs")
     periodic, shape = sample.frame.periodic, sample.frame.shape
@@ -201,10 +203,18 @@ def _smoothed(sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.bool_], I
     known = sample.how.beyond == "void"
     fill = np.pad(sample.grid.fill, around, mode="constant" if known else "edge")
     smooth: NDArray[np.float32] = fill.astype(np.float32)
+    bell = np.exp(-0.5 / WIDTH**2 * np.arange(-REACH, REACH + 1) ** 2)
+    weights = (bell / bell.sum())[REACH:]
     for axis, wraps in enumerate(periodic):
         sample.tell("overhangs", axis / 6)
-        mode = "wrap" if wraps else "constant" if known else "nearest"
-        gaussian_filter1d(smooth, WIDTH, axis=axis, mode=mode, truncate=4.0, output=smooth)
+        n = smooth.shape[axis]
+        places = np.arange(-REACH, n + REACH)
+        if wraps:
+            places %= n
+        else:
+            inside = np.clip(places, 0, n - 1)
+            places = np.where(places == inside, places, -1) if known else inside
+        smooth = filtered(smooth, weights, axis, places)
     within: Ints = np.array(
         [
             (0, n + 2 * a - 1) if known or not a else (a, a + n - 1)

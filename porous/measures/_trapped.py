@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from porous.errors import GridError
-from porous.measures._build import Direction, check_room, directions_named, paired, row
+from porous.measures._build import Direction, check_room, directions_named, layers_of, paired, row
 from porous.measures._sample import Sample, Survey
 from porous.memory import check_memory
 from porous.values import Measure, Measures
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from porous.kernels.diameters import Widths
     from porous.kernels.distance import Squares
+    from porous.kernels.spans import Layers
     from porous.measures._sample import Progress
     from porous.values import Frame, VoxelGrid
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 FLOOD, PROBE = "voxel flood", "probe flood"
 
 CUPS = 8.0
-"""Bytes per voxel that layers in their order and runs of void take."""
+"""Bytes per voxel that spans of void take."""
 
 CORNER = 1 + math.sqrt(0.5)
 """Radius, in voxels, of the least ball that misses the centre of a voxel in a corner."""
@@ -120,12 +121,16 @@ def grid_cupped(sample: Sample, directions: Sequence[Direction]) -> Measures:
     """Return the cups of a grid."""
     check_room(sample.frame, CUPS, "cupped volume")
     rows, unit = [], f"{sample.frame.unit}³"
-    kinds = {id(of): _kinds(of) for of in (sample, sample.coarse) if of is not None}
+    layers = {
+        id(of): layers_of(_kinds(of), directions)
+        for of in (sample, sample.coarse)
+        if of is not None
+    }
     for place, direction in enumerate(directions):
         sample.tell("cupped volume", place / len(directions))
 
         def volumes(of: Sample, direction: Direction = direction) -> tuple[float, float]:
-            return _held(of, kinds[id(of)], direction)
+            return _held(of, layers[id(of)][direction], direction)
 
         (wide, doubt), (narrow, _) = paired(sample, volumes)
         doubt = math.hypot(doubt, wide - narrow)
@@ -137,18 +142,18 @@ def _kinds(sample: Sample) -> NDArray[np.uint8]:
     from porous.kernels.drain import BEYOND, PORE
 
     grid = sample.grid
-    kinds = np.where(grid.solid, np.uint8(0), np.uint8(PORE))
+    kinds = (~grid.solid).view(np.uint8)
+    kinds *= PORE
     if grid.bulk is not None:
         kinds[(kinds == PORE) & (grid.bulk < 128)] = BEYOND
     return kinds
 
 
-def _held(sample: Sample, kinds: NDArray[np.uint8], direction: Direction) -> tuple[float, float]:
+def _held(sample: Sample, layers: Layers, direction: Direction) -> tuple[float, float]:
     """Return the volume that is held by pores joined by corners too, and by faces alone."""
     from porous.kernels.drain import held
 
-    layers, around = direction.layers(kinds), direction.around(sample.frame)
-    voxel = sample.frame.voxel_volume
+    around, voxel = direction.around(sample.frame), sample.frame.voxel_volume
     wide, narrow = (
         float(held(layers, connectivity, periodic=around).sum()) * voxel for connectivity in (26, 6)
     )
