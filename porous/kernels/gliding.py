@@ -40,9 +40,9 @@ def corner_sums(mask: NDArray[np.bool_], periodic: Axes, longest: int) -> NDArra
     more = [(0, longest - 1 if wraps else 0) for wraps in periodic]
     given = np.pad(mask, more, mode="wrap") if any(periodic) else mask
     sums = np.zeros([n + 1 for n in given.shape], np.int32)
-    np.cumsum(given, axis=2, dtype=np.int32, out=sums[1:, 1:, 1:])
-    for axis in (1, 0):
-        np.cumsum(sums, axis=axis, dtype=np.int32, out=sums)
+    held, planes = source(given, np.bool_).view(np.uint8), max(1, SLAB // given[0].size)
+    for a in range(0, len(given), planes):
+        _sum(held, sums, a, min(a + planes, len(given)))
     return sums
 
 
@@ -71,9 +71,11 @@ def gliding_moments(
     given = source(sums, np.int32)
     within = source(_NOTHING if bulk is None else bulk, np.int32)
     planes = np.zeros((places[0], 3))
+    # Sums of squares that are whole numbers of 64 bits at most.
+    most = max(1, (1 << 62) // size**6 // places[2])
 
     def work(start: int, stop: int) -> None:
-        _moments(given, within, size, start, stop, places[1], places[2], planes)
+        _moments(given, within, size, most, start, stop, places[1], places[2], planes)
 
     slabs(places[0], max(1, SLAB // (places[1] * places[2])), work, progress)
     count, first, second = planes.sum(axis=0).tolist()
@@ -81,23 +83,54 @@ def gliding_moments(
 
 
 @kernel
-def _held(sums, i, j, k, size):
-    low, high = sums[i], sums[i + size]
-    above = high[j + size, k + size] - high[j + size, k] - high[j, k + size] + high[j, k]
-    return above - low[j + size, k + size] + low[j + size, k] + low[j, k + size] - low[j, k]
+def _sum(mask, sums, first, last):
+    _, ny, nz = mask.shape
+    level = np.zeros(nz, np.int32)
+    for i in range(first, last):
+        level[:] = 0
+        for j in range(ny):
+            own, held = mask[i, j], 0
+            for k in range(nz):
+                held += own[k]
+                level[k] += held
+            below, out = sums[i, j + 1, 1:], sums[i + 1, j + 1, 1:]
+            for k in range(nz):
+                out[k] = below[k] + level[k]
 
 
 @kernel
-def _moments(sums, bulk, size, start, stop, ny, nz, planes):
+def _held(sums, i, j, size, beam, held):
+    # What the boxes of a row hold, by sums over the beam that they glide along.
+    low, high = sums[i], sums[i + size]
+    a, b, c, d = high[j + size], high[j], low[j + size], low[j]
+    for k in range(len(beam)):
+        beam[k] = a[k] - b[k] - c[k] + d[k]
+    ahead = beam[size:]
+    for k in range(len(held)):
+        held[k] = ahead[k] - beam[k]
+
+
+@kernel
+def _moments(sums, bulk, size, most, start, stop, ny, nz, planes):
     whole = np.int64(size) ** 3
+    beam, held, full = np.empty(nz + size, np.int32), np.empty(nz, np.int32), np.empty(nz, np.int32)
     for i in range(start, stop):
-        count, first, second = 0, 0.0, 0.0
+        count, first, second = 0, np.int64(0), np.int64(0)
+        planes[i] = 0.0
         for j in range(ny):
+            count += nz
+            if len(bulk):
+                _held(bulk, i, j, size, beam, full)
+            _held(sums, i, j, size, beam, held)
+            if len(bulk):
+                for k in range(nz):
+                    count -= full[k] < whole
+                    held[k] = 0 if full[k] < whole else held[k]
             for k in range(nz):
-                if len(bulk) and _held(bulk, i, j, k, size) < whole:
-                    continue
-                held = np.float64(_held(sums, i, j, k, size))
-                count += 1
-                first += held
-                second += held * held
-        planes[i, 0], planes[i, 1], planes[i, 2] = count, first, second
+                first += held[k]
+                second += np.int64(held[k]) * held[k]
+            if (j + 1) % most == 0:
+                planes[i, 2] += second
+                second = np.int64(0)
+        planes[i, 0], planes[i, 1] = count, first
+        planes[i, 2] += second

@@ -55,6 +55,9 @@ PART = 10
 FEW = 1 << 20
 """Sums below this are tallied in a table; there may be many of them."""
 
+MANY = 16
+"""Boxes of so many voxels are summed up of smaller ones, not of their voxels."""
+
 BYTES = 40.0
 """Memory per voxel that sums over corners take, along periodic axes too."""
 
@@ -332,14 +335,31 @@ def _spectrum(grid: VoxelGrid, counts: BoxCounts, base: int | None = None) -> Sp
 def _masses(fill: NDArray[np.uint8], boxes: tuple[Lattice, ...]) -> Iterator[tuple[Ints, Ints]]:
     """Yield what boxes of each size hold, and how many hold so much."""
     from porous.kernels.boxes import box_sums
+    from porous.kernels.greys import level_counts
 
-    held: Ints = np.bincount(fill.ravel(), minlength=256) if fill.size < MOST else _by_plane(fill)
+    held = level_counts(fill.reshape(-1))
     there = np.flatnonzero(held[1:]) + 1
     yield there, held[there]
     shape = (fill.shape[0], fill.shape[1], fill.shape[2])
+    edge, within = 0, np.zeros(0, np.int64)
     for lattice in boxes[1:]:
-        sums = box_sums(fill, (0, 0, 0), shape, lattice.parts)
+        fits = lattice.fits(shape)
+        if fits and edge and lattice.wanted % edge == 0 and MANY * within.size < fill.size:
+            sums = _joined(within, lattice.wanted // edge)
+        else:
+            sums = box_sums(fill, (0, 0, 0), shape, lattice.parts)
+        if fits:
+            edge, within = lattice.wanted, sums
         yield _tallied(sums)
+
+
+def _joined(sums: Ints, times: int) -> Ints:
+    """Return the sums of so many boxes along each axis."""
+    for axis in range(3):
+        shape = sums.shape
+        parts = (*shape[:axis], shape[axis] // times, times, *shape[axis + 1 :])
+        sums = sums.reshape(parts).sum(axis=axis + 1)
+    return sums
 
 
 def _tallied(sums: Ints) -> tuple[Ints, Ints]:
@@ -349,13 +369,6 @@ def _tallied(sums: Ints) -> tuple[Ints, Ints]:
     held = np.bincount(sums.ravel())
     there = np.flatnonzero(held[1:]) + 1
     return there, held[there]
-
-
-def _by_plane(fill: NDArray[np.uint8]) -> Ints:
-    counts = np.zeros(256, np.int64)
-    for plane in fill:
-        counts += np.bincount(plane.ravel(), minlength=256)
-    return counts
 
 
 def _moments(masses: Ints, counts: Ints) -> Floats:
