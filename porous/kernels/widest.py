@@ -388,10 +388,27 @@ def _meeting(peaks, i, j, ends, flags):
 
 
 @kernel
+def _beside(place, step, shape, wraps):
+    # The neighbour of a voxel, by its number of 27, and the period that it lies in by the same;
+    # −1 where there is none.
+    at, turn = 0, 0
+    for a in range(3):
+        here, size = place[a] + step // (9, 3, 1)[a] % 3 - 1, shape[a]
+        off = here // size
+        if off != 0 and wraps[a] == 0:
+            return -1, turn
+        at, turn = at * size + here - off * size, 3 * turn + off + 1
+    return at, turn
+
+
+@kernel
 def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
     nx, ny, nz = ranks.shape
     stop, i, j = SLOTS, place[0], place[1]
     nodes, flags = count + SHARED, np.empty(nz, np.uint8)
+    flat, heights, steps = peaks.reshape(-1), ranks.reshape(-1), np.empty(13, np.int64)
+    for s in range(13):
+        steps[s] = ((s + 14) // 9 - 1) * ny * nz + ((s + 14) // 3 % 3 - 1) * nz + (s + 14) % 3 - 1
     while i < last and stop + EACH * nz <= len(keys):
         _meeting(peaks, i, j, ends, flags)
         for k in range(nz):
@@ -412,23 +429,13 @@ def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
                             key = (one * nodes + count + HIGH + a) * TURNS
                             stop = _note(keys, levels, stop, key, rank)
             inner = i < nx - 1 and 0 < j < ny - 1 and 0 < k < nz - 1
-            for step in range(14, 27):
-                a, b, c = i + step // 9 - 1, j + step // 3 % 3 - 1, k + step % 3 - 1
-                turn = 13
+            for step in range(13):
+                at, turn = (i * ny + j) * nz + k + steps[step], 13
                 if not inner:
-                    if a == nx:
-                        a, turn = 0, turn + 9
-                    if b < 0 or b == ny:
-                        turn += 3 if b == ny else -3
-                        b = 0 if b == ny else ny - 1
-                    if c < 0 or c == nz:
-                        turn += 1 if c == nz else -1
-                        c = 0 if c == nz else nz - 1
-                    if (turn // 9 != 1 and wraps[0] == 0) or (turn % 3 != 1 and wraps[2] == 0):
+                    at, turn = _beside((i, j, k), step + 14, ranks.shape, wraps)
+                    if at < 0:
                         continue
-                    if turn // 3 % 3 != 1 and wraps[1] == 0:
-                        continue
-                other = peaks[a, b, c]
+                other = flat[at]
                 if other == SOLID or (other == own and (turn == 13 or own == FREE)):
                     continue
                 if other == FREE:
@@ -437,7 +444,7 @@ def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
                     key = (np.int64(PEAKS - other) * nodes + count + OUTSIDE) * TURNS
                 else:
                     key = (one * nodes + np.int64(PEAKS - other)) * TURNS + turn
-                stop = _note(keys, levels, stop, key, min(rank, ranks[a, b, c]))
+                stop = _note(keys, levels, stop, key, min(rank, heights[at]))
         j += 1
         if j == ny:
             i, j = i + 1, 0
