@@ -360,21 +360,9 @@ def _paint(squares, table, starts, values, inner, weights, wraps, out, first, la
             continue
         _draw(inner[n], weights, reach, stencil, highs)
         _draw(inner[n], across, (reach[1], reach[0], reach[2]), profile, wides)
-        left -= _lay(
-            table[a:b],
-            shape,
-            wraps,
-            sizes,
-            reach,
-            out.dtype.type(values[n]),
-            free,
-            some,
-            stencil,
-            profile,
-            highs,
-            wides,
-            flat,
-        )
+        drawn = (reach, stencil, highs, profile, wides)
+        value = out.dtype.type(values[n])
+        left -= _lay(table[a:b], shape, wraps, sizes, drawn, value, free, some, flat)
 
 
 @kernel
@@ -457,11 +445,12 @@ def _draw(most, weights, reach, stencil, extents):
 
 
 @kernel
-def _lay(table, shape, wraps, sizes, reach, value, free, some, stencil, profile, highs, wides, out):
+def _lay(table, shape, wraps, sizes, drawn, value, free, some, out):
     # Paint what is free in balls of one size, and return how much: look at what eight lines of a
     # plane have together, of eight planes at a time, and then at those lines. A line of a ball
     # begins anywhere in a word, so there are two of each.
     first, last, lines, beams, margin = sizes
+    reach, stencil, highs, profile, wides = drawn
     words = _words(reach)
     row, tall = 2 * reach[0] + 1 + 2 * MARGIN, 2 * reach[1] + 1 + 2 * MARGIN
     one = np.uint64(1)
