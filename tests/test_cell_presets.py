@@ -67,26 +67,32 @@ def test_cells_conform_and_their_boundary_is_closed(name):
     assert surface.volume == pytest.approx(mesh.volumes.sum(), rel=1e-12)
 
 
+@pytest.fixture(scope="module")
+def made(request, tmp_path_factory):
+    """A preset as it is made, and its folder; tests of one preset share it."""
+    folder = tmp_path_factory.mktemp("made") / request.param
+    return po.make(po.load(request.param), folder), folder
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CELLS)
-def test_a_made_folder_certifies_itself(name, tmp_path):
-    result = po.make(po.load(name), tmp_path / name)
+@pytest.mark.parametrize("made", CELLS, indirect=True)
+def test_a_made_folder_certifies_itself(made):
+    result, folder = made
     assert result.certificate.good, str(result.certificate)
-    assert {"cells.inp", "cells.vtu", "surface.stl"} <= {
-        p.name for p in (tmp_path / name).iterdir()
-    }
+    assert {"cells.inp", "cells.vtu", "surface.stl"} <= {p.name for p in folder.iterdir()}
     assert result.measures["volume", "cells"].uncertainty == 0
 
 
 @pytest.mark.judge
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name",
+    "made",
     [pytest.param(name, marks=[pytest.mark.nightly] if name in LONG else []) for name in PRESSED],
+    indirect=True,
 )
-def test_the_deck_of_a_preset_runs_as_written(name, judge, tmp_path):
-    result = po.make(po.load(name), tmp_path / name)
-    deck = (tmp_path / name / "cells.inp").read_bytes()
+def test_the_deck_of_a_preset_runs_as_written(made, judge):
+    result, folder = made
+    deck = (folder / "cells.inp").read_bytes()
     solved = ccx.solve([deck], program=judge("ccx"))
     energy, load = naive_elasticity.energy(result.job)
     assert np.linalg.norm(load) > 0

@@ -13,8 +13,8 @@ ANALYSIS = Path(__file__).parent.parent / "analysis"
 STUDIES = sorted(ANALYSIS.glob("*.py"))
 RESULTS = sorted((ANALYSIS / "results").glob("*.csv"))
 
-LONG = ("02_surface_speed", "05_cell_mesh_speed", "06_voxel_speed", "07_store_faults")
-LONG += ("08_larger_than_memory", "12_sizes_against_porespy")
+LONG = ("01_rasterise_speed", "02_surface_speed", "05_cell_mesh_speed", "06_voxel_speed")
+LONG += ("07_store_faults", "08_larger_than_memory", "11_deck_speed", "12_sizes_against_porespy")
 """Studies that take long even in their short form."""
 
 each_study = pytest.mark.parametrize("study", STUDIES, ids=lambda p: p.stem)
