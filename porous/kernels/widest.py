@@ -402,6 +402,17 @@ def _beside(place, step, shape, wraps):
 
 
 @kernel
+def _key(own, other, turn, count):
+    # What tells where the slopes of two peaks meet, or that of one and what is free.
+    nodes, one = count + SHARED, np.int64(PEAKS - own)
+    if other == FREE:
+        return (one * nodes + count + OUTSIDE) * TURNS
+    if own == FREE:
+        return (np.int64(PEAKS - other) * nodes + count + OUTSIDE) * TURNS
+    return (one * nodes + np.int64(PEAKS - other)) * TURNS + turn
+
+
+@kernel
 def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
     nx, ny, nz = ranks.shape
     stop, i, j = SLOTS, place[0], place[1]
@@ -409,7 +420,9 @@ def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
     flat, heights, steps = peaks.reshape(-1), ranks.reshape(-1), np.empty(13, np.int64)
     for s in range(13):
         steps[s] = ((s + 14) // 9 - 1) * ny * nz + ((s + 14) // 3 % 3 - 1) * nz + (s + 14) % 3 - 1
+    some, pairs = np.empty(nz, np.int64), np.empty(nz + 1, np.int64)
     while i < last and stop + EACH * nz <= len(keys):
+        inner, start, n = i < nx - 1 and 0 < j < ny - 1, (i * ny + j) * nz, 0
         _meeting(peaks, i, j, ends, flags)
         for k in range(nz):
             own = peaks[i, j, k]
@@ -428,23 +441,26 @@ def _look(ranks, peaks, count, wraps, ends, keys, levels, place, last):
                         if at == ends[a + 3]:
                             key = (one * nodes + count + HIGH + a) * TURNS
                             stop = _note(keys, levels, stop, key, rank)
-            inner = i < nx - 1 and 0 < j < ny - 1 and 0 < k < nz - 1
-            for step in range(13):
-                at, turn = (i * ny + j) * nz + k + steps[step], 13
-                if not inner:
-                    at, turn = _beside((i, j, k), step + 14, ranks.shape, wraps)
-                    if at < 0:
-                        continue
-                other = flat[at]
-                if other == SOLID or (other == own and (turn == 13 or own == FREE)):
+            if inner and 0 < k < nz - 1:
+                some[n], n = k, n + 1
+                continue
+            for step in range(14, 27):
+                at, turn = _beside((i, j, k), step, ranks.shape, wraps)
+                if at < 0 or flat[at] == SOLID or (flat[at] == own and (turn == 13 or own == FREE)):
                     continue
-                if other == FREE:
-                    key = (one * nodes + count + OUTSIDE) * TURNS
-                elif own == FREE:
-                    key = (np.int64(PEAKS - other) * nodes + count + OUTSIDE) * TURNS
-                else:
-                    key = (one * nodes + np.int64(PEAKS - other)) * TURNS + turn
+                key = _key(own, flat[at], turn, count)
                 stop = _note(keys, levels, stop, key, min(rank, heights[at]))
+        for step in steps:
+            met = 0
+            for c in range(n):
+                at = start + some[c]
+                pairs[met] = at
+                met += (flat[at + step] != SOLID) & (flat[at + step] != flat[at])
+            for c in range(met):
+                at = pairs[c]
+                key = _key(flat[at], flat[at + step], 13, count)
+                level = min(heights[at], heights[at + step])
+                stop = _note(keys, levels, stop, key, level)
         j += 1
         if j == ny:
             i, j = i + 1, 0
