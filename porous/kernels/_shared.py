@@ -122,17 +122,6 @@ def threads() -> int:
     return int(wanted) if wanted.isdigit() and int(wanted) else len(os.sched_getaffinity(0))
 
 
-def row_bits(mask: NDArray[np.bool_], words: int) -> NDArray[np.uint64]:
-    """Return masks of rows (x, y, z) as bits, 64 to a word, the first lowest: (x, y, words)."""
-    nx, ny, n = mask.shape
-    result = np.zeros((nx, ny, 8 * words), np.uint8)
-    size = max(1, (1 << 22) // (ny * n))
-    for a in range(0, nx, size):
-        bits = np.packbits(mask[a : a + size], axis=-1, bitorder="little")
-        result[a : a + size, :, : bits.shape[-1]] = bits
-    return source(result.view("<u8"), np.uint64)
-
-
 def slabs(
     count: int,
     size: int,
@@ -167,6 +156,19 @@ def words_of(flags: NDArray[np.bool_]) -> NDArray[np.uint64]:
     """
     bits = np.packbits(flags.reshape(-1), bitorder="little")
     return bits.view("<u8").reshape(*flags.shape[:-1], flags.shape[-1] // 64)
+
+
+def row_bits(mask: NDArray[np.bool_], words: int) -> NDArray[np.uint64]:
+    """Return masks of rows (x, y, z) as bits, as ``words_of`` does: (x, y, words)."""
+    nx, ny, n = mask.shape
+    result = np.zeros((nx, ny, words), np.uint64)
+    size = max(1, (1 << 22) // (ny * n))
+    for a in range(0, nx, size):
+        part = mask[a : a + size]
+        if n % 64:
+            part = np.pad(part, ((0, 0), (0, 0), (0, -n % 64)))
+        result[a : a + size, :, : part.shape[2] // 64] = words_of(part)
+    return source(result, np.uint64)
 
 
 @kernel

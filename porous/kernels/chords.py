@@ -71,10 +71,13 @@ def phase_of(mask: Bools, known: Bools | None = None) -> Phase:
     return Phase(source(inside & bits, np.uint64), bits, mask.shape)
 
 
-def turned(phase: Phase) -> Phase:
-    """Return a phase with its last two axes the other way round."""
+def turned(phase: Phase, axis: int) -> Phase:
+    """Return a phase with an axis and y the other way round: x or z, 0 or 2."""
     nx, ny, nz = phase.sides
-    inside, known = (_turned(bits, nz) for bits in (phase.inside, phase.known))
+    if axis == 0:
+        inside, known = (source(bits.transpose(1, 0, 2), np.uint64) for bits in phase[:2])
+        return Phase(inside, known, (ny, nx, nz))
+    inside, known = (_turned(bits, nz) for bits in phase[:2])
     return Phase(inside, known, (nx, nz, ny))
 
 
@@ -85,8 +88,8 @@ def _turned(bits: Words, n: int) -> Words:
     return source(result, np.uint64)
 
 
-def runs_along(phase: Phase, axis: int, *, wraps: bool, goes_on: bool) -> Runs:
-    """Count the runs of a phase along x or y, 0 or 1.
+def runs_along(phase: Phase, *, wraps: bool, goes_on: bool) -> Runs:
+    """Count the runs of a phase along y.
 
     Runs that are followed by voxels that are not known are cut.
 
@@ -94,26 +97,23 @@ def runs_along(phase: Phase, axis: int, *, wraps: bool, goes_on: bool) -> Runs:
     ----------
     phase
         What ``phase_of`` or ``turned`` gave.
-    axis
-        Which axis lines run along.
     wraps
         Whether lines close on themselves.
     goes_on
         Whether nobody knows what follows on lines that do not; else it is the other phase.
     """
-    n, lines = phase.sides[axis], phase.sides[1 - axis]
-    size = max(1, SLAB // (n * phase.sides[2]))
-    parts = -(-lines // size)
+    planes, n, wide = phase.sides
+    size = max(1, SLAB // (n * wide))
+    parts = -(-planes // size)
     counts = np.zeros((parts, 3, n + 1), np.int64)
     others = np.zeros((parts, 5), np.int64)
 
     def work(a: int, b: int) -> None:
         part, began = a // size, np.empty(64, np.int64)
-        ends = np.array([a, b, n], np.int64)
-        how = (axis, int(wraps), int(goes_on))
-        _runs(phase.inside, phase.known, ends, how, began, counts[part], others[part])
+        how = (a, b, int(wraps), int(goes_on))
+        _runs(phase.inside, phase.known, how, began, counts[part], others[part])
 
-    slabs(lines, size, work)
+    slabs(planes, size, work)
     (whole, halves, pieces), (endless, *told) = counts.sum(axis=0), others.sum(axis=0)
     voxels, ends = np.array(told, np.int64).reshape(2, 2)
     if wraps and n % 2:
@@ -147,15 +147,9 @@ def _turn(bits, block, result):
 
 
 @kernel
-def _word(words, axis, line, step, w):
-    """Return 64 voxels, of neighbouring lines, at a step along them."""
-    return words[step, line, w] if axis == 0 else words[line, step, w]
-
-
-@kernel
-def _hidden(known, axis, line, step, w):
+def _hidden(known, i, j, w):
     """Return where nobody looks."""
-    return ~_word(known, axis, line, step, w) if len(known) else np.uint64(0)
+    return ~known[i, j, w] if len(known) else np.uint64(0)
 
 
 @kernel
@@ -171,24 +165,24 @@ def _ended(ended, hidden, place, began, counts):
 
 
 @kernel
-def _runs(inside, known, ends, how, began, counts, others):
-    first, last, n = ends
-    axis, wraps, goes_on = how
+def _runs(inside, known, how, began, counts, others):
+    first, last, wraps, goes_on = how
+    n = inside.shape[1]
     beyond = ~np.uint64(0) if goes_on else np.uint64(0)
-    for line in range(first, last):
+    for i in range(first, last):
         for w in range(inside.shape[2]):
             began[:] = -1
             # The voxel before, and that before it, and where these are hidden.
             before, earlier = np.uint64(0), np.uint64(0)
             unseen, unseen_too = beyond, beyond
             if wraps:
-                before = _word(inside, axis, line, n - 1, w)
-                earlier = _word(inside, axis, line, max(n - 2, 0), w)
-                unseen = _hidden(known, axis, line, n - 1, w)
-                unseen_too = _hidden(known, axis, line, max(n - 2, 0), w)
+                before = inside[i, n - 1, w]
+                earlier = inside[i, max(n - 2, 0), w]
+                unseen = _hidden(known, i, n - 1, w)
+                unseen_too = _hidden(known, i, max(n - 2, 0), w)
             for step in range(n):
-                here = _word(inside, axis, line, step, w)
-                hidden = _hidden(known, axis, line, step, w)
+                here = inside[i, step, w]
+                hidden = _hidden(known, i, step, w)
                 _ended(before & ~here, hidden, step, began, counts)
                 begun = here & ~before
                 while begun:
@@ -207,8 +201,8 @@ def _runs(inside, known, ends, how, began, counts, others):
                 continue
             # Once more from the start, for those that go on there.
             for step in range(n):
-                here = _word(inside, axis, line, step, w)
-                hidden = _hidden(known, axis, line, step, w)
+                here = inside[i, step, w]
+                hidden = _hidden(known, i, step, w)
                 _ended(before & ~here, hidden, n + step, began, counts)
                 before &= here
                 if not before:

@@ -146,17 +146,17 @@ def chord_lengths(grid: Tiled, *, phase: str = "pore", beyond: str = "void") -> 
 
     voxels = voxels_of(grid, phase, beyond, "chord lengths", BYTES)
     bits = phase_of(voxels.mask, voxels.bulk)
-    lines = ((bits, 0), (bits, 1), (turned(bits), 1))
-    axes = tuple(_along(voxels, axis, *along) for axis, along in enumerate(lines))
+    each = (bits if axis == 1 else turned(bits, axis) for axis in range(3))
+    axes = tuple(_along(voxels, axis, along) for axis, along in enumerate(each))
     return ChordLengths(phase, grid.frame.unit, axes)  # type: ignore[arg-type]
 
 
-def _along(voxels: Voxels, axis: int, bits: Phase, place: int) -> Chords:
-    """Return the chords along an axis, which is x or y (``place``) of the bits."""
+def _along(voxels: Voxels, axis: int, bits: Phase) -> Chords:
+    """Return the chords along an axis, which is y of the bits."""
     from porous.kernels.chords import runs_along
 
     h, wraps = voxels.frame.spacing[axis], voxels.frame.periodic[axis]
-    found = runs_along(bits, place, wraps=wraps, goes_on=not voxels.walled)
+    found = runs_along(bits, wraps=wraps, goes_on=not voxels.walled)
     ends = int(2 * found.whole.sum() + found.halves.sum())
     fine = _mean(_inside(found, voxels.frame.shape[axis]), ends, h)
     each = zip(found.voxels.tolist(), found.ends.tolist(), strict=True)
@@ -168,7 +168,7 @@ def _along(voxels: Voxels, axis: int, bits: Phase, place: int) -> Chords:
         ends,
         found.endless,
         max(told, key=lambda mean: abs(mean - fine), default=math.nan),
-        _places(voxels, axis, bits, place),
+        _places(voxels, axis, bits),
     )
 
 
@@ -182,14 +182,14 @@ def _mean(voxels: int, ends: int, spacing: float) -> float:
     return 2 * spacing * voxels / ends if ends else math.nan
 
 
-def _places(voxels: Voxels, axis: int, bits: Phase, place: int) -> Ints:
+def _places(voxels: Voxels, axis: int, bits: Phase) -> Ints:
     from porous.kernels.chords import runs_along
 
     n, wraps = voxels.frame.shape[axis], voxels.frame.periodic[axis]
     if voxels.bulk is None:
         lines = voxels.frame.size // n
         return lines * (np.full(n, n) if wraps else np.arange(n, 0, -1))
-    runs = runs_along(bits.bulk, place, wraps=wraps, goes_on=True)
+    runs = runs_along(bits.bulk, wraps=wraps, goes_on=True)
     counts = runs.whole + runs.halves + runs.pieces
     return np.asarray(_fitting(counts) + runs.endless * n, np.int64)
 
