@@ -114,17 +114,31 @@ def pooled(
 
 
 @kernel
+def _differ(a, b):
+    """Tell whether of two fills one is 0 and one 255: those two bytes differ in all bits."""
+    return (np.uint8(a ^ b) == 255) & (np.uint8(a + 1) <= 1)
+
+
+@kernel
 def _sharp(one, other, counts):
     """Return how often 0 meets 255 between two rows; add 1 to ``counts`` there, if it has room."""
     total = 0
     for k in range(len(one)):
-        total += np.int64((one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0))
+        total += np.int64(_differ(one[k], other[k]))
     if total and len(counts):
         for k in range(len(one)):
-            counts[k] += np.int64(
-                (one[k] == 0) & (other[k] == 255) | (one[k] == 255) & (other[k] == 0)
-            )
+            counts[k] += np.int64(_differ(one[k], other[k]))
     return total
+
+
+@kernel
+def _ends(row):
+    """Return how many voxels are empty and how many full; no table is asked, so it is quick."""
+    none, every = 0, 0
+    for k in range(len(row)):
+        none += np.int64(row[k] == 0)
+        every += np.int64(row[k] == 255)
+    return none, every
 
 
 @kernel
@@ -132,29 +146,34 @@ def _survey(fill, bulk, ends, above, void, histogram, jumps):
     """Add the voxels between ``ends`` to the histogram and their sharp faces to ``jumps``."""
     nx, ny, nz = fill.shape
     a, b = ends[0, 2], ends[1, 2]
-    none = jumps[0, :0]
+    nowhere = jumps[0, :0]
     for i in range(ends[0, 0], ends[1, 0]):
         for j in range(ends[0, 1], ends[1, 1]):
             row = fill[i, j, a:b]
             left = void[a:b] if i == 0 else fill[i - 1, j, a:b]
             front = void[a:b] if j == 0 else fill[i, j - 1, a:b]
-            jumps[0, i] += _sharp(row, left, none)
-            jumps[1, j] += _sharp(row, front, none)
+            jumps[0, i] += _sharp(row, left, nowhere)
+            jumps[1, j] += _sharp(row, front, nowhere)
             if i == nx - 1 and above[0]:
-                jumps[0, nx] += _sharp(row, void[a:b], none)
+                jumps[0, nx] += _sharp(row, void[a:b], nowhere)
             if j == ny - 1 and above[1]:
-                jumps[1, ny] += _sharp(row, void[a:b], none)
+                jumps[1, ny] += _sharp(row, void[a:b], nowhere)
             below = fill[i, j, a - 1 : a] if a > 0 else void[:1]
-            jumps[2, a] += _sharp(row[:1], below, none)
+            jumps[2, a] += _sharp(row[:1], below, nowhere)
             _sharp(row[1:], row[:-1], jumps[2, a + 1 : b])
             if above[2]:
-                jumps[2, nz] += _sharp(row[-1:], void[:1], none)
+                jumps[2, nz] += _sharp(row[-1:], void[:1], nowhere)
             if len(bulk):
                 for k in range(b - a):
                     histogram[row[k], bulk[i, j, a + k]] += 1
-            else:
+                continue
+            none, every = _ends(row)
+            histogram[0, 0] += none
+            histogram[255, 0] += every
+            if none + every < b - a:
                 for k in range(b - a):
-                    histogram[row[k], 0] += 1
+                    if np.uint8(row[k] + 1) > 1:
+                        histogram[row[k], 0] += 1
 
 
 @kernel

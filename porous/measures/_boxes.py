@@ -135,17 +135,17 @@ class BoxCount:
         shape = source.frame.shape
         fill, _ = source.block(start, stop)
         counts, cut = [], []
-        boxes, solid = fill, (fill >= 128).view(np.uint8)
+        boxes, solid = fill, np.asarray(fill >= 128)
         first = start
         for lattice in self.lattices(shape):
             if lattice.wanted == 1:
-                occupied = solid > 0
+                occupied = solid  # none of these is cut
             elif self.base is not None and lattice.fits(shape):
                 boxes = pooled(boxes, first, self.base)
                 first = tuple(a // lattice.wanted for a in start)  # type: ignore[assignment]
                 occupied = boxes >= 128
             else:
-                occupied = box_sums(solid, start, shape, lattice.parts) > 0
+                occupied = box_sums(solid.view(np.uint8), start, shape, lattice.parts) > 0
             total, others = _told(occupied, _Place(lattice.parts, shape, start, stop))
             counts.append(total)
             cut.append(others)
