@@ -12,8 +12,11 @@ from porous.kernels.windows import (
     DIRECTIONS,
     FUNCTIONALS,
     block_histogram,
+    layer_windows,
     window_histogram,
 )
+from porous.measures._census import Census
+from porous.values import Frame, VoxelGrid
 
 PERIODIC = list(product((False, True), repeat=3))
 SHAPES = [(5, 4, 3), (1, 2, 7), (3, 1, 1), (2, 3, 64), (2, 2, 65), (3, 2, 63), (2, 1, 130)]
@@ -136,3 +139,22 @@ def test_progress_can_cancel(monkeypatch):
         window_histogram(fill, progress=progress)
     assert seen[0][1] == 14
     assert len(seen) < 14
+
+
+def test_windows_of_every_other_voxel_are_those_of_eight_grids():
+    fill = np.random.default_rng(5).integers(0, 256, (5, 8, 67)).astype(np.uint8)
+    layers = [np.array([-1, -1, *range(n), -1, -1]) for n in fill.shape]
+    found = layer_windows(fill, layers, step=2)
+    grids = [fill[x::2, y::2, z::2] for x, y, z in np.ndindex(2, 2, 2)]
+    nothing = ("nothing",) * 3
+    inner = [block_histogram(grid, below=nothing, above=nothing) for grid in grids]
+    np.testing.assert_array_equal(found[0, 0, 0], sum(inner))
+    np.testing.assert_array_equal(found.sum(axis=(0, 1, 2)), sum(map(window_histogram, grids)))
+
+
+@pytest.mark.parametrize("periodic", [(False, False, False), (False, True, False)])
+def test_a_census_tells_the_windows_of_what_is_not_solid(periodic):
+    fill = np.random.default_rng(6).integers(0, 256, (5, 4, 7)).astype(np.uint8)
+    frame = Frame((0, 0, 0), (1, 1, 1), fill.shape, periodic=periodic)
+    census, other = (Census(VoxelGrid(frame, part)) for part in (fill, 255 - fill))
+    np.testing.assert_array_equal(census.void_windows, other.windows)

@@ -135,17 +135,20 @@ class BoxCount:
         shape = source.frame.shape
         fill, _ = source.block(start, stop)
         counts, cut = [], []
-        boxes, solid = fill, np.asarray(fill >= 128)
-        first = start
+        solid: Bytes | None = None
+        boxes, first = fill, start
         for lattice in self.lattices(shape):
-            if lattice.wanted == 1:
-                occupied = solid  # none of these is cut
-            elif self.base is not None and lattice.fits(shape):
+            if lattice.wanted == 1:  # none of these is cut, and there are too many for a copy
+                counts.append(sum(int(np.count_nonzero(plane >= 128)) for plane in fill))
+                cut.append(np.zeros(0, np.int64))
+                continue
+            if self.base is not None and lattice.fits(shape):
                 boxes = pooled(boxes, first, self.base)
                 first = tuple(a // lattice.wanted for a in start)  # type: ignore[assignment]
                 occupied = boxes >= 128
             else:
-                occupied = box_sums(solid.view(np.uint8), start, shape, lattice.parts) > 0
+                solid = (fill >= 128).view(np.uint8) if solid is None else solid
+                occupied = box_sums(solid, start, shape, lattice.parts) > 0
             total, others = _told(occupied, _Place(lattice.parts, shape, start, stop))
             counts.append(total)
             cut.append(others)
