@@ -292,7 +292,8 @@ def _touch(labels, heights, shape, wraps, periods, endless, asked, crowds, place
     # Pairs of voxels of two basins, or of one and its image, told once: row by row, as far as there
     # is room.
     keys, saddles, counts = found
-    n, size, stop = shape[2], np.int64(len(endless)), np.int64(1) << SLOT_BITS
+    n, wound, size = shape[2], len(periods) > 1, np.int64(len(endless))
+    stop = np.int64(1) << SLOT_BITS
     around, far = np.zeros((9, n + 2), np.int32), np.zeros((9, n + 2), np.int32)
     steps, overs = np.empty(27, np.int64), np.empty(27, np.int64)
     others = np.empty(27, np.int64), np.empty(27, np.int64)
@@ -319,8 +320,10 @@ def _touch(labels, heights, shape, wraps, periods, endless, asked, crowds, place
                 k = pairs[c]
                 v = row * n + k
                 u, across = _beside(k, s, shape, wraps, steps, overs)
-                a, b, axes = labels[v], labels[u], endless[labels[v]] | endless[labels[u]]
-                apart = _without(far[r, k + d] - far[4, k + 1], axes)
+                a, b, apart, axes = around[4, k + 1], around[r, k + d], 0, 0
+                if wound:
+                    axes = endless[a] | endless[b]
+                    apart = _without(far[r, k + d] - far[4, k + 1], axes)
                 if a == b and apart == 0:
                     continue
                 turned = a > b or (a == b and apart < 0)

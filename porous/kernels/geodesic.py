@@ -40,16 +40,20 @@ FACES = np.array([(13 + s * STRIDES[a], a) for a in range(3) for s in (-1, 1)])
 TURNS = np.array(
     [
         [
-            (f + s * STRIDES[b], f + s * STRIDES[b] + t * STRIDES[3 - a - b], b, 3 - a - b)
-            for b in range(3)
-            if b != a
+            (
+                f + s * STRIDES[b],
+                f + t * STRIDES[3 - a - b],
+                f + s * STRIDES[b] + t * STRIDES[3 - a - b],
+            )
+            for b in [(a + 1) % 3]
             for s in (-1, 1)
             for t in (-1, 1)
         ]
         for f, a in FACES.tolist()
     ]
 )
-"""About each of these the eight ways on over an edge to a corner, and the axes of both steps."""
+"""About each of these the four corners: the edges next to it, along the next axis and the one after
+that, and the corner, shape (6, 4, 3)."""
 
 EDGES = np.array(
     [
@@ -143,11 +147,9 @@ def _begin(times, shape, per, links, heads, state):
 
 
 @kernel
-def _near(v, shape, wraps, out):
-    # The 27 voxels about a voxel of a grid with a border, itself in the middle.
+def _turn(v, shape, wraps, out):
+    # Of the 27 voxels about a voxel of a grid with a border those at the other end of it.
     ny, nz = shape[1], shape[2]
-    for s in range(27):
-        out[s] = v + ((s // 9 - 1) * ny + s // 3 % 3 - 1) * nz + s % 3 - 1
     if wraps[0]:
         j = v // nz % ny
         for a in range(3):
@@ -177,6 +179,18 @@ def _edge(near, far, across, along, best):
 
 
 @kernel
+def _flat(first, second, third, squares, best):
+    # Where a flat front gets to that passes three corners of a right-angled simplex, the last one
+    # first, where it comes from between them. The legs are told by their squares.
+    a, b, c = squares
+    if second < first and third < second:
+        p, q = (first - second) ** 2 / b, (second - third) ** 2 / c
+        if (1.0 - p - q) * b >= p * a and p * c >= q * b:
+            return min(best, first + np.sqrt(a * (1.0 - p - q)))
+    return best
+
+
+@kernel
 def _arrive(times, best, squares):
     # The earliest that a front gets to the middle of 27 voxels, from the 48 simplices about it,
     # whose corners are at the ends of a, a + b and a + b + c, and from their sides. No front gets
@@ -185,17 +199,18 @@ def _arrive(times, best, squares):
         f, one = FACES[n, 0], FACES[n, 1]
         first = times[f]
         if first < best:
-            a = squares[one]
-            for m in range(8):
-                two, three = TURNS[n, m, 2], TURNS[n, m, 3]
-                second, third = times[TURNS[n, m, 0]], times[TURNS[n, m, 1]]
-                b, c = squares[two], squares[three]
-                best = _edge(first, second, b, a, best)
-                best = _edge(first, third, b + c, a, best)
-                if second < first and third < second:
-                    p, q = (first - second) ** 2 / b, (second - third) ** 2 / c
-                    if (1.0 - p - q) * b >= p * a and p * c >= q * b:
-                        best = min(best, first + np.sqrt(a * (1.0 - p - q)))
+            a, b, c = squares[one], squares[(one + 1) % 3], squares[(one + 2) % 3]
+            for m in range(4):
+                left, right = times[TURNS[n, m, 0]], times[TURNS[n, m, 1]]
+                corner = times[TURNS[n, m, 2]]
+                if m & 1 == 0:
+                    best = _edge(first, left, b, a, best)
+                if m < 2:
+                    best = _edge(first, right, c, a, best)
+                if corner < first:
+                    best = _edge(first, corner, b + c, a, best)
+                    best = _flat(first, left, corner, (a, b, c), best)
+                    best = _flat(first, right, corner, (a, c, b), best)
     for n in range(12):
         second = times[EDGES[n, 0]]
         if second < best:
@@ -210,8 +225,10 @@ def _arrive(times, best, squares):
 def _march(times, shape, wraps, ratios, per, links, heads, state, most):
     near, done = np.empty(27, np.int64), np.empty(27, np.float64)
     steps, squares = np.empty(27, np.float64), ratios * ratios
+    offsets, closed = np.empty(27, np.int64), wraps[0] or wraps[1]
     for s in range(27):
         x, y, z = s // 9 - 1, s // 3 % 3 - 1, s % 3 - 1
+        offsets[s] = (x * shape[1] + y) * shape[2] + z
         steps[s] = np.sqrt(x * x * squares[0] + y * y * squares[1] + z * z * squares[2])
     worked, last = 0, len(heads) - 1
     while state[1] > 0 and worked < most:
@@ -221,7 +238,10 @@ def _march(times, shape, wraps, ratios, per, links, heads, state, most):
             state[0] += 1
             continue
         _remove(v, bucket, links, heads, state)
-        _near(v, shape, wraps, near)
+        for s in range(27):
+            near[s] = v + offsets[s]
+        if closed:
+            _turn(v, shape, wraps, near)
         for s in range(27):
             told = times[near[s]]
             done[s] = -told if told < 0.0 else np.inf

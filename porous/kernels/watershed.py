@@ -111,7 +111,9 @@ def basins(
     -------
     Basins
     """
-    heights = np.where(mask, squares.values, 0).astype(np.float32).reshape(-1)
+    heights = squares.values.astype(np.float32)
+    heights *= mask
+    heights = heights.reshape(-1)
     bits = heights.view(np.int32)
     shape, wraps = np.array(mask.shape, np.int64), np.array(periodic, np.int64)
     uphill, rows = np.empty(mask.size, np.int32), int(shape[0] * shape[1])
