@@ -153,18 +153,19 @@ def _behind_necks(
     for i in range(len(mercury.diameters)):
         narrow, wide = mercury.diameters[i], pores.diameters[i]
         reached = narrow > 0 if bulk is None else (narrow > 0) & (bulk[i] >= 128)
-        gaps = wide[reached] - narrow[reached]
+        room = wide[reached]
+        gaps = room - narrow[reached]
         behind += [np.count_nonzero(gaps > least) for least in steps]
-        rooms.append(np.unique(wide[reached], return_counts=True))
-    sizes, numbers = (np.concatenate([room[end] for room in rooms]) for end in (0, 1))
+        rooms.append(np.unique(room, return_counts=True))
+    sizes, numbers = (np.concatenate([told[end] for told in rooms]) for end in (0, 1))
     if not len(sizes):
         return (0.0, 0.0, 0.0), math.nan
     order = np.argsort(sizes, kind="stable")
     counts = np.cumsum(numbers[order])
     middle = int(np.searchsorted(counts, 0.5 * counts[-1] * (1 - 1e-12)))
-    room = pores.sizes[np.abs(pores.sizes - sizes[order][middle]).argmin()]
+    median = pores.sizes[np.abs(pores.sizes - sizes[order][middle]).argmin()]
     more, here, less = behind / int(counts[-1])
-    return (float(more), float(here), float(less)), float(room)
+    return (float(more), float(here), float(less)), float(median)
 
 
 def _intrusion_rows(
