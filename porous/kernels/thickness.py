@@ -56,16 +56,16 @@ CLASSES = 1 << 20
 SLACK = 1e-9
 """Part of a squared radius by which balls are drawn in, so that rounding joins no voxel to them."""
 
-FREE = (1 << 15) - 1
-"""As a limit: none."""
+FREE = 127
+"""Of limits the first that is none, on the upper side; on the lower it is -FREE - 1."""
 
 
 class _Balls(NamedTuple):
     """Balls by falling radius, and in the order of their centres' voxels where radii agree.
 
-    ``table`` (n, 7) is the centre's voxel and the least and largest steps along x, and along y, at
-    which a ball may hold voxels that none before it does; ``starts[m]`` is the first ball with the
-    square ``squares[m]``.
+    ``table`` (n, 5) is the centre's voxel and between what steps along x, and along y, a ball may
+    hold voxels that none before it does, as ``_limits`` tells; ``starts[m]`` is the first ball with
+    the square ``squares[m]``.
     """
 
     table: Integers
@@ -131,7 +131,7 @@ def _balls(given: Numbers, weights: Floats, wraps: Integers) -> _Balls:
             table, radii = spare.pop()
         except IndexError:
             room = planes * given[0].size
-            table, radii = np.empty((room, 7), dtype), np.empty(room, given.dtype)
+            table, radii = np.empty((room, 5), dtype), np.empty(room, given.dtype)
         count = _prune(given, needs, scale, weights, wraps, table, radii, a, b)
         found[a] = table[:count].copy(), radii[:count].copy()
         spare.append((table, radii))
@@ -148,12 +148,11 @@ def _sorted(parts: list[tuple[Integers, Numbers]], largest: float) -> _Balls:
     for _, radii in parts:
         counts += np.bincount(_ranks(radii, values), minlength=len(values))
     ends = np.cumsum(counts)
-    places = ends - counts
-    table = np.empty((int(counts.sum()), 7), parts[0][0].dtype)
+    places, some = ends - counts, counts > 0
+    table = np.empty((int(counts.sum()), 5), parts[0][0].dtype)
     while parts:
         rows, radii = parts.pop(0)
         _place(rows, _ranks(radii, values), places, table)
-    some = counts > 0
     return _Balls(
         source(table, table.dtype),
         source(np.concatenate([[0], ends[some]]), np.int64),
@@ -250,15 +249,13 @@ def _prune(squares, needs, scale, weights, wraps, table, radii, first, last):
                 at = here + row + k
                 beside = around[low + row + k], around[high + row + k]
                 x = _limits(radius, beside, i > 1, weights[0], scale[0])
-                y = _limits(
-                    radius, (around[at - line], around[at + line]), j > 0, weights[1], scale[0]
-                )
+                beside = around[at - line], around[at + line]
+                y = _limits(radius, beside, j > 0, weights[1], scale[0])
                 z = _limits(radius, (around[at - 1], around[at + 1]), k > 0, weights[2], scale[0])
-                if x[0] <= x[1] and y[0] <= y[1] and z[0] <= z[1]:
+                if _some(x) and _some(y) and _some(z):
                     radii[count] = radius
                     table[count, 0], table[count, 1], table[count, 2] = i - 1, j, k
-                    table[count, 3], table[count, 4] = x
-                    table[count, 5], table[count, 6] = y
+                    table[count, 3], table[count, 4] = x, y
                     count += 1
     return count
 
@@ -266,13 +263,28 @@ def _prune(squares, needs, scale, weights, wraps, table, radii, first, last):
 @kernel
 def _limits(radius, beside, tie, weight, half):
     # Between what steps along an axis a ball may hold voxels that larger ones, beside it to either
-    # side, do not hold; one as large counts where ``tie`` says so, on the lower side only.
+    # side, do not hold; one as large counts where ``tie`` says so, on the lower side only. Both in
+    # 16 bits: limits beyond what fits are drawn out to it, or there are none.
     loose, part = 0.0 if half else 1e-3, 0.5 / weight
     low = np.ceil((np.float64(radius) - beside[0] + weight) * part + loose) - 1.0
     high = np.ceil((np.float64(radius) - beside[1] + weight) * part + loose) - 1.0
-    low = low if beside[0] > radius or (tie and beside[0] == radius) else FREE
+    low = low if beside[0] > radius or (tie and beside[0] == radius) else FREE + 1
     high = high if beside[1] > radius else FREE
-    return -np.int64(min(low, FREE)), np.int64(min(high, FREE))
+    low, high = max(-FREE, min(low, FREE + 1)), max(-FREE - 1, min(high, FREE))
+    return -np.int64(low) * 256 + np.int64(high) + FREE + 1
+
+
+@kernel
+def _some(limits):
+    return limits >> 8 <= (limits & 255) - FREE - 1
+
+
+@kernel
+def _within(limits, reach):
+    # Limits, and that of the ball itself.
+    low, high = np.int64(limits) >> 8, (np.int64(limits) & 255) - FREE - 1
+    low = -reach if low == -FREE - 1 else max(low, -reach)
+    return low, reach if high == FREE else min(high, reach)
 
 
 @kernel
@@ -459,8 +471,8 @@ def _lay(table, shape, wraps, sizes, drawn, value, free, some, out):
         x0, x1 = _images(np.int64(table[ball, 0]), reach[0], shape[0], wraps[0])
         y0, y1 = _images(np.int64(table[ball, 1]), reach[1], shape[1], wraps[1])
         z0, z1 = _images(np.int64(table[ball, 2]), reach[2], shape[2], wraps[2])
-        x_low, x_high = max(-reach[0], table[ball, 3]), min(reach[0], table[ball, 4])
-        y_low, y_high = max(-reach[1], table[ball, 5]), min(reach[1], table[ball, 6])
+        x_low, x_high = _within(table[ball, 3], reach[0])
+        y_low, y_high = _within(table[ball, 4], reach[1])
         for x in range(x0, x1, shape[0]):
             for y in range(y0, y1, shape[1]):
                 for z in range(z0, z1, shape[2]):

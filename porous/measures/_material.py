@@ -156,7 +156,7 @@ def octants(local: LocalThickness, row: Measure) -> Measure:
     halves = [(slice(n // 2), slice(n // 2, None)) for n in frame.shape]
     parts = [local.diameters[place] for place in product(*halves)]
     sums = np.array([part.sum(dtype=np.float64) for part in parts])
-    counts = np.array([np.count_nonzero(part) for part in parts])
+    counts = np.array([np.count_nonzero(part > 0) for part in parts])
     # What each octant adds to the mean, however little of the phase it has.
     adds = (sums - sums.sum() / counts.sum() * counts) / counts.mean()
     return _row(row, float(adds.std(ddof=1)) / math.sqrt(len(adds)))
