@@ -262,7 +262,7 @@ def _room(size: int) -> Words:
 def _stamp(marks, across, along, maps, xs, ys, zs, places):
     # All images lie in the window. Places first, marks after: the first loop has no stores that
     # could alias its loads, and is compiled to vectors.
-    count = len(xs)
+    count, new = len(xs), 0
     for w in range(len(maps)):
         a, b, c, p = maps[w, 0, 0], maps[w, 0, 1], maps[w, 0, 2], maps[w, 0, 3]
         d, e, f, q = maps[w, 1, 0], maps[w, 1, 1], maps[w, 1, 2], maps[w, 1, 3]
@@ -275,12 +275,14 @@ def _stamp(marks, across, along, maps, xs, ys, zs, places):
                 + np.int32(g * x + h * y + i * z + r)
             )
         for k in range(count):
+            new += marks[places[k]] == 0
             marks[places[k]] = 1
+    return new
 
 
 @kernel
 def _stamp_clipped(marks, shape, maps, xs, ys, zs, places):
-    count = len(xs)
+    count, new = len(xs), 0
     nx, ny, nz = np.float64(shape[0]), np.float64(shape[1]), np.float64(shape[2])
     across, along = np.int32(shape[1] * shape[2]), np.int32(shape[2])
     for w in range(len(maps)):
@@ -299,11 +301,13 @@ def _stamp_clipped(marks, shape, maps, xs, ys, zs, places):
             places[k] = place if inside else np.int32(-1)
         for k in range(count):
             if places[k] >= 0:
+                new += marks[places[k]] == 0
                 marks[places[k]] = 1
+    return new
 
 
-def stamp(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool) -> None:
-    """Mark the voxels that hold a point of the images of a cloud.
+def stamp(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool) -> int:
+    """Mark the voxels that hold a point of the images of a cloud; return how many were not yet.
 
     Parameters
     ----------
@@ -324,9 +328,11 @@ def stamp(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool
     places = np.empty(len(xs), np.int32)
     shape = source(marks.shape, np.int64)
     across, along = np.int32(marks.shape[1] * marks.shape[2]), np.int32(marks.shape[2])
+    new = 0
     for first in range(0, len(maps), step):
         batch = source(maps[first : first + step], np.float64)
         if inside:
-            _stamp(flat, across, along, batch, xs, ys, zs, places)
+            new += _stamp(flat, across, along, batch, xs, ys, zs, places)
         else:
-            _stamp_clipped(flat, shape, batch, xs, ys, zs, places)
+            new += _stamp_clipped(flat, shape, batch, xs, ys, zs, places)
+    return int(new)

@@ -25,19 +25,35 @@ ASKED = 512
 STEPS = 64
 """Steps towards the smallest ball about others."""
 
+FAR = 1.4
+"""Boxes are last ones, too, of which no point is further from one of the attractor's points than so
+many ``stop``: twice it is what the bound allows, and this marks as few voxels as half diagonals."""
+
+CELLS = 8
+"""Hulls are known along the corners of so many cells squared, on each of three faces of a cube."""
+
+ROUNDS = 32
+NARROW = 2e-3
+"""Steps that narrow hulls, at most, and what part of a ball's radius the last one gained."""
+
+GRAIN = 64
+TRIED = 2048
+"""The distance of a hull's middle from points is known to a radius over this, or after so many."""
+
 TIGHT = 1 + 1e-9
 """Balls and boxes about others are larger by this against rounding."""
-
-ROOT = 1 + 1e-7
-"""Covers the rounding of a root of a cubic that is nearly a double one."""
 
 
 class System(NamedTuple):
     """Maps by their source state, and what is known of each state's attractor.
 
     ``first`` (s + 1,) cuts ``targets`` (t,) and ``maps`` (t, 3, 4), source ← target, by source;
-    ``balls`` (s, 4) and ``blocks`` (s, 6), middles and half edges of boxes, hold the attractors,
-    ``points`` (s, 3) lie in them.
+    ``balls`` (s, 4), ``blocks`` (s, 6), middles and half edges of boxes, and ``hulls`` (s, 3, c, c,
+    2) hold the attractors, ``points`` (s, 3) lie in them; ``gaps`` (s,) is from a block's middle to
+    the nearest of its attractor's points, or more.
+
+    A hull says the middle and half of its width along each direction of which one component is one
+    and the other two, in their order, are corners of cells of −1 … 1.
     """
 
     first: NDArray[np.int64]
@@ -46,6 +62,8 @@ class System(NamedTuple):
     balls: Floats
     blocks: Floats
     points: Floats
+    hulls: Floats
+    gaps: Floats
 
 
 @kernel
@@ -110,47 +128,211 @@ def held(
 
 
 @kernel
-def _stretches(maps, result):
-    # Roots of the largest eigenvalues of MᵀM, in closed form (Smith 1961), of maps made so large
-    # that no power of their entries is lost.
-    for w in range(len(maps)):
-        scale = 0.0
-        for p in range(3):
-            for q in range(3):
-                scale = max(scale, abs(maps[w, p, q]))
-        if scale == 0.0:
-            result[w] = 0.0
-            continue
-        a, b, c = maps[w, 0, 0] / scale, maps[w, 0, 1] / scale, maps[w, 0, 2] / scale
-        d, e, f = maps[w, 1, 0] / scale, maps[w, 1, 1] / scale, maps[w, 1, 2] / scale
-        g, h, i = maps[w, 2, 0] / scale, maps[w, 2, 1] / scale, maps[w, 2, 2] / scale
-        xx, yy, zz = a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i
-        xy, xz, yz = a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i
-        mean = (xx + yy + zz) / 3
-        xx, yy, zz = xx - mean, yy - mean, zz - mean
-        spread = np.sqrt((xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
-        turn = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
-        angle = np.arccos(min(max(turn / 2 / spread**3, -1.0), 1.0)) if spread > 0.0 else 0.0
-        result[w] = scale * np.sqrt(mean + 2 * spread * np.cos(angle / 3)) * ROOT
+def _support(hulls, state, u, v, w):
+    # The middle and half of a hull's width along a direction, or of more: it reaches no further
+    # than the mean of the corners of the direction's cell does, being convex. Hulls are flat, and
+    # read by what cannot be negative: their number of axes, and whether an index counts from the
+    # end, would take half the time.
+    x, y, z = abs(u), abs(v), abs(w)
+    first, second = x >= y and x >= z, y >= z
+    face = 0 if first else (1 if second else 2)
+    most = u if first else (v if second else w)
+    p = v if first else u
+    q = w if first or second else v
+    scale = 1.0 / most if most != 0.0 else 0.0
+    x, y = (p * scale + 1.0) * (CELLS / 2), (q * scale + 1.0) * (CELLS / 2)
+    i, j = min(np.int64(x), CELLS - 1), min(np.int64(y), CELLS - 1)
+    x, y = x - i, y - j
+    at = np.uint64((((state * 3 + face) * (CELLS + 1) + i) * (CELLS + 1) + j) * 2)
+    over = at + np.uint64(2 * CELLS + 2)
+    a, b, c, d = (1.0 - x) * (1.0 - y), (1.0 - x) * y, x * (1.0 - y), x * y
+    middle = a * hulls[at] + b * hulls[at + np.uint64(2)]
+    middle += c * hulls[over] + d * hulls[over + np.uint64(2)]
+    half = a * hulls[at + np.uint64(1)] + b * hulls[at + np.uint64(3)]
+    half += c * hulls[over + np.uint64(1)] + d * hulls[over + np.uint64(3)]
+    return most * middle, abs(most) * half
 
 
-def stretches(maps: Floats) -> Floats:
-    """Return how far maps (k, 3, 4) stretch at most: bounds on their spectral norms, (k,)."""
-    result = np.empty(len(maps))
-    _stretches(source(maps, np.float64), result)
+@kernel
+def _direction(face, i, j):
+    p, q = 2.0 * i / CELLS - 1.0, 2.0 * j / CELLS - 1.0
+    if face == 0:
+        return 1.0, p, q
+    if face == 1:
+        return p, 1.0, q
+    return p, q, 1.0
+
+
+@kernel
+def _begin(balls, hulls):
+    # Hulls that are balls.
+    for state, face, i, j in np.ndindex(hulls.shape[:4]):
+        u, v, w = _direction(face, i, j)
+        middle = u * balls[state, 0] + v * balls[state, 1] + w * balls[state, 2]
+        hulls[state, face, i, j, 0] = middle
+        hulls[state, face, i, j, 1] = np.sqrt(u * u + v * v + w * w) * balls[state, 3]
+
+
+@kernel
+def _narrow(first, targets, maps, balls, hulls, flat, result):
+    # An attractor reaches as far as the furthest of its parts; the largest gain, in radii.
+    gain = 0.0
+    for state, face, i, j in np.ndindex(hulls.shape[:4]):
+        u, v, w = _direction(face, i, j)
+        middle, half = hulls[state, face, i, j, 0], hulls[state, face, i, j, 1]
+        low, high = np.inf, -np.inf
+        for t in range(first[state], first[state + 1]):
+            a = u * maps[t, 0, 0] + v * maps[t, 1, 0] + w * maps[t, 2, 0]
+            b = u * maps[t, 0, 1] + v * maps[t, 1, 1] + w * maps[t, 2, 1]
+            c = u * maps[t, 0, 2] + v * maps[t, 1, 2] + w * maps[t, 2, 2]
+            shift = u * maps[t, 0, 3] + v * maps[t, 1, 3] + w * maps[t, 2, 3]
+            other, across = _support(flat, targets[t], a, b, c)
+            low, high = min(low, shift + other - across), max(high, shift + other + across)
+        low, high = max(low, middle - half), min(high, middle + half)
+        result[state, face, i, j, 0] = (low + high) / 2
+        result[state, face, i, j, 1] = (high - low) / 2
+        if balls[state, 3] > 0.0:
+            gain = max(gain, (half - (high - low) / 2) / balls[state, 3])
+    return gain
+
+
+@kernel
+def _about_hulls(hulls, balls, blocks):
+    # Boxes and balls about hulls. Between the corners of a cell, a direction is longer than their
+    # mean length by at most a quarter of the cell's squared edge.
+    for state in range(len(hulls)):
+        radius = 0.0
+        for a in range(3):
+            blocks[state, a] = hulls[state, a, CELLS // 2, CELLS // 2, 0]
+            blocks[state, a + 3] = hulls[state, a, CELLS // 2, CELLS // 2, 1] * TIGHT
+        for face, i, j in np.ndindex(hulls.shape[1:4]):
+            u, v, w = _direction(face, i, j)
+            middle = u * blocks[state, 0] + v * blocks[state, 1] + w * blocks[state, 2]
+            reach = abs(hulls[state, face, i, j, 0] - middle) + hulls[state, face, i, j, 1]
+            radius = max(radius, reach / np.sqrt(u * u + v * v + w * w))
+        radius *= (1.0 + 1.0 / CELLS**2) * TIGHT
+        if radius < balls[state, 3]:
+            balls[state, 3] = radius
+            for a in range(3):
+                balls[state, a] = blocks[state, a]
+
+
+@kernel
+def _enclosures(first, targets, maps, balls, blocks, hulls, flat, work):
+    _begin(balls, hulls)
+    for _ in range(ROUNDS):
+        gain = _narrow(first, targets, maps, balls, hulls, flat, work)
+        hulls[:] = work
+        if gain < NARROW:
+            break
+    for state, face, i, j in np.ndindex(hulls.shape[:4]):
+        hulls[state, face, i, j, 1] += (TIGHT - 1.0) * balls[state, 3]
+    _about_hulls(hulls, balls, blocks)
+
+
+def enclosures(
+    first: NDArray[np.int64], targets: NDArray[np.int64], maps: Floats, balls: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return smaller balls (s, 4), boxes (s, 6) and hulls of attractors, as of a ``System``.
+
+    An attractor reaches along a direction as far as one of its parts does, which is as far as the
+    attractor it is an image of does along another direction: h(u) = max (u·b + h(Aᵀu)). What is
+    larger than h stays so under the right side.
+
+    Parameters
+    ----------
+    first, targets, maps
+        Of a ``System``.
+    balls
+        Centre and radius of balls that hold the attractors, (s, 4).
+    """
+    balls = np.array(balls, np.float64)
+    blocks, hulls = np.empty((len(balls), 6)), np.empty((len(balls), 3, CELLS + 1, CELLS + 1, 2))
+    given = source(first, np.int64), source(targets, np.int64), source(maps, np.float64)
+    _enclosures(*given, balls, blocks, hulls, hulls.reshape(-1), np.empty_like(hulls))
+    return balls, blocks, hulls
+
+
+@kernel
+def _product(nodes, at, maps, child, result, made):
+    for a in range(3):
+        for c in range(4):
+            value = nodes[at, a, 3] if c == 3 else 0.0
+            for b in range(3):
+                value += nodes[at, a, b] * maps[child, b, c]
+            result[made, a, c] = value
+
+
+@kernel
+def _far(nodes, at, points, state, goals, goal):
+    # From the image of a point, or of a ball's or a block's middle, to a goal.
+    total = 0.0
+    for a in range(3):
+        value = nodes[at, a, 3] - goals[goal, a]
+        for b in range(3):
+            value += nodes[at, a, b] * points[state, b]
+        total += value * value
+    return np.sqrt(total)
+
+
+@kernel
+def _gap(first, targets, maps, balls, blocks, points, goal, states, nodes):
+    # Depth first, parts that are nearer than the best point so far by a quarter of a grain.
+    room, tried, top = len(states), 0, 1
+    states[0], nodes[0] = goal, np.eye(3, 4)
+    best = _far(nodes, 0, points, goal, blocks, goal)
+    grain = balls[goal, 3] / GRAIN
+    while top > 0 and tried < TRIED:
+        top -= 1
+        state = states[top]
+        for a in range(3):
+            for c in range(4):
+                nodes[room, a, c] = nodes[top, a, c]
+        for child in range(first[state], first[state + 1]):
+            target, total = targets[child], 0.0
+            _product(nodes, room, maps, child, nodes, top)
+            tried += 1
+            for a in range(3):
+                for b in range(3):
+                    total += nodes[top, a, b] ** 2
+            near = _far(nodes, top, balls, target, blocks, goal) - np.sqrt(total) * balls[target, 3]
+            best = min(best, _far(nodes, top, points, target, blocks, goal))
+            if near < best - grain / 4 and top < room - 1:
+                states[top] = target
+                top += 1
+    # Up to a whole grain, so that it does not depend on where the search ended.
+    return max(best, np.ceil(best / grain - 1e-6) * grain) if grain > 0.0 else best
+
+
+@kernel
+def _gaps(first, targets, maps, balls, blocks, points, gaps, states, nodes):
+    for state in range(len(gaps)):
+        gaps[state] = _gap(first, targets, maps, balls, blocks, points, state, states, nodes)
+
+
+def gaps(first: NDArray[np.int64], targets: NDArray[np.int64], *known: Floats) -> Floats:
+    """Return how far at most the middles of blocks are from the attractors, (s,).
+
+    Parameters
+    ----------
+    first, targets
+        Of a ``System``.
+    known
+        Its maps, balls, blocks and points.
+    """
+    result = np.empty(len(first) - 1)
+    given = source(first, np.int64), source(targets, np.int64)
+    arrays = (source(array, np.float64) for array in known)
+    _gaps(*given, *arrays, result, np.empty(TRIED, np.int64), np.empty((TRIED + 1, 3, 4)))
     return result
 
 
 @kernel
-def _enclose(m0, m1, m2, m3, balls, blocks, state, low, high):
-    # Intersect an axis of a box with those of the ellipsoid and the slanted box which a map, of
-    # which this is a row, makes of a ball and a box.
-    middle = m0 * balls[state, 0] + m1 * balls[state, 1] + m2 * balls[state, 2] + m3
-    reach = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * balls[state, 3] + SLACK
-    other = m0 * blocks[state, 0] + m1 * blocks[state, 1] + m2 * blocks[state, 2] + m3
-    across = abs(m0) * blocks[state, 3] + abs(m1) * blocks[state, 4] + abs(m2) * blocks[state, 5]
-    across += SLACK
-    return max(low, middle - reach, other - across), min(high, middle + reach, other + across)
+def _enclose(row, hulls, state, low, high):
+    # Intersect an axis of a box with that of a hull's image under a map, of which this is a row.
+    middle, half = _support(hulls, state, row[0], row[1], row[2])
+    middle += row[3]
+    return max(low, middle - half - SLACK), min(high, middle + half + SLACK)
 
 
 @kernel
@@ -172,6 +354,12 @@ def _none_left(marks, x0, x1, y0, y1, z0, z1):
                 if marks[i, j, k] == 0:
                     return False
     return True
+
+
+@kernel
+def _middle(nodes, at, a, blocks, state):
+    value = nodes[at, a, 3] + nodes[at, a, 0] * blocks[state, 0]
+    return value + nodes[at, a, 1] * blocks[state, 1] + nodes[at, a, 2] * blocks[state, 2]
 
 
 @kernel
@@ -200,30 +388,41 @@ def _stamp(marks, start, nodes, at, points, state):
 
 
 @kernel
-def _extend(part, a, letter):
-    # An axis of a word's map and box, from those of the word without its last letter. Arrays are
-    # passed whole: a view of a row is a reference that is counted.
-    nodes, boxes, at, parent = part
-    maps, child, balls, blocks, state = letter
-    m0, m1, m2 = nodes[parent, a, 0], nodes[parent, a, 1], nodes[parent, a, 2]
-    n0 = m0 * maps[child, 0, 0] + m1 * maps[child, 1, 0] + m2 * maps[child, 2, 0]
-    n1 = m0 * maps[child, 0, 1] + m1 * maps[child, 1, 1] + m2 * maps[child, 2, 1]
-    n2 = m0 * maps[child, 0, 2] + m1 * maps[child, 1, 2] + m2 * maps[child, 2, 2]
+def _row(nodes, at, a, maps, child):
+    # A row of the map of a word with one more letter. Arrays are passed whole, each by itself, and
+    # to what neither loops nor calls on: views of rows, members of tuples and arrays of all else
+    # are references that are counted.
+    m0, m1, m2 = nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2]
     n3 = m0 * maps[child, 0, 3] + m1 * maps[child, 1, 3] + m2 * maps[child, 2, 3]
-    n3 += nodes[parent, a, 3]
-    low, high = boxes[parent, a], boxes[parent, a + 3]
-    low, high = _enclose(n0, n1, n2, n3, balls, blocks, state, low, high)
-    nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2], nodes[at, a, 3] = n0, n1, n2, n3
-    boxes[at, a], boxes[at, a + 3] = low, high
-    return low, high
+    return (
+        m0 * maps[child, 0, 0] + m1 * maps[child, 1, 0] + m2 * maps[child, 2, 0],
+        m0 * maps[child, 0, 1] + m1 * maps[child, 1, 1] + m2 * maps[child, 2, 1],
+        m0 * maps[child, 0, 2] + m1 * maps[child, 1, 2] + m2 * maps[child, 2, 2],
+        n3 + nodes[at, a, 3],
+    )
 
 
 @kernel
-def _half_diagonal(boxes, at, spacing):
-    total = 0.0
+def _put(nodes, boxes, at, a, row, low, high):
+    nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2], nodes[at, a, 3] = row
+    boxes[at, a], boxes[at, a + 3] = low, high
+
+
+@kernel
+def _ends(nodes, boxes, at, spacing, blocks, gaps, state, stop, whole):
+    # Whether no point of a box is further than twice ``stop`` from a point of the attractor in it:
+    # from any where its half diagonal is not more than ``stop``, or from one near the image of the
+    # block's middle.
+    half, far = 0.0, 0.0
     for a in range(3):
-        total += (0.5 * max(boxes[at, a + 3] - boxes[at, a], 0.0) * spacing[a]) ** 2
-    return np.sqrt(total)
+        low, high = boxes[at, a], boxes[at, a + 3]
+        half += (0.5 * (high - low) * spacing[a]) ** 2
+        if whole:
+            middle = _middle(nodes, at, a, blocks, state)
+            gap = nodes[at, a, 0] ** 2 + nodes[at, a, 1] ** 2 + nodes[at, a, 2] ** 2
+            gap = np.sqrt(gap) * gaps[state]
+            far += ((max(high - middle, middle - low) + gap) * spacing[a]) ** 2
+    return half <= stop * stop or (whole and far <= (FAR * stop) ** 2)
 
 
 @kernel
@@ -234,9 +433,10 @@ def _descend(
     first,
     targets,
     maps,
-    balls,
     blocks,
     points,
+    hulls,
+    gaps,
     stop,
     whole,
     states,
@@ -271,18 +471,25 @@ def _descend(
         steps += many
         for child in range(first[state], first[state + 1]):
             target = targets[child]
-            part = nodes, boxes, top, parent
-            letter = maps, child, balls, blocks, target
-            low, high = _extend(part, 0, letter)
+            row = _row(nodes, parent, 0, maps, child)
+            low, high = boxes[parent, 0], boxes[parent, 3]
+            low, high = _enclose(row, hulls, target, low, high)
+            _put(nodes, boxes, top, 0, row, low, high)
             x0, x1 = _touched(low, high, s0, n0)
-            low, high = _extend(part, 1, letter)
+            row = _row(nodes, parent, 1, maps, child)
+            low, high = boxes[parent, 1], boxes[parent, 4]
+            low, high = _enclose(row, hulls, target, low, high)
+            _put(nodes, boxes, top, 1, row, low, high)
             y0, y1 = _touched(low, high, s1, n1)
-            low, high = _extend(part, 2, letter)
+            row = _row(nodes, parent, 2, maps, child)
+            low, high = boxes[parent, 2], boxes[parent, 5]
+            low, high = _enclose(row, hulls, target, low, high)
+            _put(nodes, boxes, top, 2, row, low, high)
             z0, z1 = _touched(low, high, s2, n2)
             apart = x0 > x1 or y0 > y1 or z0 > z1
             if apart or _none_left(marks, x0, x1, y0, y1, z0, z1):
                 continue
-            if first[target] < first[target + 1] and _half_diagonal(boxes, top, spacing) > stop:
+            if not _ends(nodes, boxes, top, spacing, blocks, gaps, target, stop, whole):
                 states[top] = target
                 top += 1
             elif whole:
@@ -323,24 +530,27 @@ class Descent:
             source(system.first, np.int64),
             source(system.targets, np.int64),
             source(system.maps, np.float64),
-            source(system.balls, np.float64),
             source(system.blocks, np.float64),
             source(system.points, np.float64),
+            source(system.hulls.reshape(-1), np.float64),
+            source(system.gaps, np.float64),
         )
         self.root = root
 
     def run(self, stop: float, *, whole: bool, limit: int) -> int:
         """Descend to boxes of half diagonal ``stop``; return the number of words looked at.
 
-        Marks all voxels that the last boxes touch where ``whole``, else the voxels of a point of
-        the attractor in each. Returns more than ``limit`` where it gave up there.
+        Marks the voxel of a point of the attractor in each of the last boxes. Where ``whole``, all
+        voxels that they touch; boxes are then the last ones, too, of which no point is further than
+        ``FAR`` times ``stop`` from some point of the attractor. Returns more than ``limit`` where
+        it gave up there.
         """
         size = 1024
         stack = self._stack(size)
         stack[0][0] = self.root[0]
         stack[1][0] = self.root[1]
         for a, row in enumerate(self.root[1]):
-            held = _enclose(*row, *self.system[3:5], self.root[0], -np.inf, np.inf)
+            held = _enclose(tuple(map(float, row)), self.system[5], self.root[0], -np.inf, np.inf)
             stack[2][0, a], stack[2][0, a + 3] = held
         top, total = 1, 0
         while top and total <= limit:

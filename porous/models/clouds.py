@@ -38,6 +38,12 @@ LARGER = 1.25
 MOST_POINTS = 32
 """Points per voxel of the window beyond which no more words are opened: they overlap."""
 
+PARTS = 8
+SOME = 1 << 18
+WORTH = 1 / 800
+"""Clouds are drawn in so many parts where they have more points than some under all words, and the
+rest is left where a part marks less than this many voxels a point: words overlap."""
+
 MARGIN = 1e-6
 """In voxels: images nearer to the border are asked where they are."""
 
@@ -145,8 +151,6 @@ def stamp_points(
     h
         Edge lengths of a voxel, (3,).
     """
-    from porous.kernels.clouds import stamp
-
     for state, cloud in enumerate(found):
         own = words.states == state
         for within in (True, False):
@@ -154,4 +158,14 @@ def stamp_points(
             if chosen.any():
                 dense = float(cloud.per_voxel(words.sizes[chosen] / h.min()).mean())
                 share = min(1.0, WANTED / dense) if cloud.dimension else 1.0
-                stamp(marks, words.maps[chosen], cloud.thinned(share), inside=within)
+                _stamp_parts(marks, words.maps[chosen], cloud.thinned(share), inside=within)
+
+
+def _stamp_parts(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool) -> None:
+    from porous.kernels.clouds import stamp
+
+    parts = PARTS if len(maps) * cloud.shape[1] > SOME else 1
+    for part in range(parts):
+        some = cloud[:, part::parts]
+        if stamp(marks, maps, some, inside=inside) < WORTH * len(maps) * some.shape[1]:
+            break

@@ -48,10 +48,6 @@ SLABS = 4
 MOST_CELLS = (1 << 31) - 1
 """Cells of a slab, at most: they are counted in 32 bits."""
 
-MOST_WORDS = 512
-ROUNDS = 8
-"""Words that tighten the enclosures, and how often they do; eight times as many gain 1 %."""
-
 ROUNDING = 1 + 1e-5
 """Covers the kernels' slack."""
 
@@ -278,7 +274,7 @@ def _placed(automaton: Automaton, frame: Frame, cell: Floats) -> tuple[int, Floa
 @lru_cache(maxsize=8)
 def _system(automaton: Automaton, given: bytes) -> System:
     """Return the automaton's maps by source, each but once, and a point of each attractor."""
-    from porous.kernels.cover import System
+    from porous.kernels.cover import System, enclosures, gaps
 
     balls = np.frombuffer(given).reshape(-1, 4)
     ends = [(t.source, t.target) for t in automaton.transitions]
@@ -293,11 +289,12 @@ def _system(automaton: Automaton, given: bytes) -> System:
             "of it belongs to the limit; wanted transitions from every state, or a level"
         )
     maps = rows[:, 2:].reshape(-1, 3, 4)
-    balls, blocks = _tightened(first, targets, maps, balls)
+    balls, blocks, hulls = enclosures(first, targets, maps, balls)
     points = np.array(
         [_point(state, first, targets, maps, balls) for state in range(len(automaton.states))]
     )
-    return System(first, targets, maps, balls, blocks, points)
+    found = gaps(first, targets, maps, balls, blocks, points)
+    return System(first, targets, maps, balls, blocks, points, hulls, found)
 
 
 class _Known(NamedTuple):
@@ -325,40 +322,6 @@ def _known(automaton: Automaton, given: bytes, edge: float) -> _Known:
 @lru_cache(maxsize=4)
 def _reference(automaton: Automaton, given: bytes) -> Reference:
     return reference(_system(automaton, given))
-
-
-def _tightened(
-    first: Indices, targets: Indices, maps: Floats, balls: Floats
-) -> tuple[Floats, Floats]:
-    """Return smaller balls (s, 4), and boxes as middles and half edges (s, 6), by their images.
-
-    A = ∪ T_w(A) over the words of a length, so what holds the images of a ball or a box under all
-    of these holds the attractor; a ball that every map sends into itself is often twice as wide.
-    """
-    from porous.kernels.cover import held, stretches
-
-    blocks = np.column_stack([balls[:, :3], np.repeat(balls[:, 3:], 3, axis=1)])
-    words = [_words(state, first, targets, maps) for state in range(len(balls))]
-    norms = [stretches(found) for _, found in words]
-    for _ in range(ROUNDS):
-        found = [held(*given, balls, blocks) for given in zip(words, norms, strict=True)]
-        blocks = np.array([block for _, block in found])
-        new = np.array([ball for ball, _ in found])
-        balls = np.where(new[:, 3:] < balls[:, 3:], new, balls)
-    return balls, blocks
-
-
-def _words(state: int, first: Indices, targets: Indices, maps: Floats) -> tuple[Indices, Floats]:
-    """Return the end states (k,) and the maps (k, 3, 4) of a state's words of some length."""
-    from porous.kernels.clouds import longer
-
-    ends, found = np.array([state]), np.eye(3, 4)[None]
-    fan = np.diff(first)
-    while fan[ends].all() and fan[ends].sum() <= MOST_WORDS:
-        ends, found = longer(first, targets, maps, (ends, found))
-        if len(ends) == 1 and np.abs(found[0, :, :3]).max() < np.finfo(float).eps:
-            break
-    return ends, found
 
 
 def _point(state: int, first: Indices, targets: Indices, maps: Floats, balls: Floats) -> Floats:
