@@ -114,7 +114,8 @@ def _layers(fill, bulk, solids, bulks, x, y, z):
             y[0, j] += total
             y[1, j] += whole
     if len(bulk) == 0:
-        z[1] += nx * ny * bulks[255]
+        for k in range(nz):
+            z[1, k] += nx * ny * bulks[255]
 
 
 @kernel
