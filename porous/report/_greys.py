@@ -57,26 +57,53 @@ def pooled(grid: Tiled, most: int = FINEST) -> VoxelGrid:
 
 def _means(fill: Bytes, step: int) -> Bytes:
     """Return the means of blocks, rounded; a block that is cut short has fewer voxels."""
-    sums = fill.astype(np.uint32)
+    sums: NDArray[np.unsignedinteger] = fill
     size = np.ones((), np.uint32)
-    for axis in (2, 1, 0):
+    room = np.uint16 if 255 * step**3 < 1 << 16 else np.uint32
+    for axis in (0, 1, 2):  # planes and rows as they lie in memory come first
+        sums = _added(sums, step, axis, room)
         starts = range(0, fill.shape[axis], step)
-        sums = np.add.reduceat(sums, starts, axis=axis, dtype=np.uint32)
-        counts = np.diff([*starts, fill.shape[axis]]).astype(np.uint32)
-        size = np.multiply.outer(counts, size)
-    return ((sums + size // 2) // size).astype(np.uint8)
+        size = np.multiply.outer(size, np.diff([*starts, fill.shape[axis]]).astype(np.uint32))
+    return np.ascontiguousarray((sums + size // 2) // size, np.uint8)
+
+
+def _added(
+    values: NDArray[np.unsignedinteger], step: int, axis: int, room: type[np.unsignedinteger]
+) -> NDArray[np.unsignedinteger]:
+    """Return the sums of so many neighbours along an axis; the last may have fewer."""
+    along = np.moveaxis(values, axis, 0)
+    sums = along[::step].astype(room)
+    for first in range(1, step):
+        part = along[first::step]
+        sums[: len(part)] += part
+    return np.moveaxis(sums, 0, axis)
 
 
 def packed_greys(fill: Bytes) -> tuple[bytes, int]:
     """Return fills deflated, and how many shades apart they are told: more where they are heavy."""
     for step in SHADES:
-        deflated = zlib.compress(shades(fill, step).tobytes(), LEVEL)
-        if len(deflated) <= HEAVY:
+        last = step == SHADES[-1]
+        deflated = _deflated(shades(fill, step), np.inf if last else HEAVY)
+        if deflated is not None:
             break
+    assert deflated is not None
     return deflated, step
+
+
+def _deflated(fill: Bytes, most: float) -> bytes | None:
+    """Return fills deflated; None, and no more work, where that takes more than ``most`` bytes."""
+    packer, done, count = zlib.compressobj(LEVEL), [], 0
+    for plane in fill:
+        done.append(packer.compress(plane.tobytes()))
+        count += len(done[-1])
+        if count > most:
+            return None
+    done.append(packer.flush())
+    return b"".join(done) if count + len(done[-1]) <= most else None
 
 
 def shades(fill: Bytes, step: int) -> Bytes:
     """Return fills at the nearest of shades that are ``step`` apart; none and full stay so."""
     most = round(255 / step)
-    return np.asarray(np.rint(np.rint(fill * (most / 255)) * (255 / most)), np.uint8)
+    every = np.rint(np.rint(np.arange(256) * (most / 255)) * (255 / most)).astype(np.uint8)
+    return np.asarray(every[fill], np.uint8)
