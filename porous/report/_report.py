@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,11 +75,13 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
         Where the files are that its recipe reads, if they are not named in full.
     """
     value, remark = _drawable(result)
-    image, excuse = _picture(value)
+    with ThreadPoolExecutor(1) as aside:  # the picture is drawn by a process of its own meanwhile
+        drawing = aside.submit(_picture, value)
+        viewer, scripts = _viewer(result)
+        image, excuse = drawing.result()
     steps = _steps(result)
     origin = provenance(result, folder)
     drawn = plots(result.findings.curves)
-    viewer, scripts = _viewer(result)
     by = [row.method for row in result.measures]
     return page(
         "report.html",
