@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 
 from porous.errors import ModelError
-from porous.kernels.cover import held
+from porous.kernels.overlap import held
 from porous.models import cover as covers
 from porous.models import net
 from porous.models.automaton import Automaton, State, Transition, of_maps

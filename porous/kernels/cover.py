@@ -22,9 +22,6 @@ SLACK = 1e-7
 ASKED = 512
 """Boxes of more voxels are not asked whether all of theirs are marked already."""
 
-STEPS = 64
-"""Steps towards the smallest ball about others."""
-
 FAR = 1.4
 """Boxes are last ones, too, of which no point is further from one of the attractor's points than so
 many ``stop``: twice it is what the bound allows, and this marks as few voxels as half diagonals."""
@@ -33,7 +30,7 @@ CELLS = 8
 """Hulls are known along the corners of so many cells squared, on each of three faces of a cube."""
 
 ROUNDS = 32
-NARROW = 2e-3
+NARROW = 5e-3
 """Steps that narrow hulls, at most, and what part of a ball's radius the last one gained."""
 
 GRAIN = 64
@@ -64,67 +61,6 @@ class System(NamedTuple):
     points: Floats
     hulls: Floats
     gaps: Floats
-
-
-@kernel
-def _about(middles, radii, centre, steps):
-    # Each step goes towards the furthest ball: Bădoiu and Clarkson 2003.
-    x, y, z = centre[0], centre[1], centre[2]
-    for step in range(1, steps + 2):
-        radius, furthest = -1.0, 0
-        for w in range(len(radii)):
-            total = (middles[w, 0] - x) ** 2 + (middles[w, 1] - y) ** 2 + (middles[w, 2] - z) ** 2
-            # Roots of the few that are further than all before.
-            if radius < radii[w] or total > (radius - radii[w]) ** 2:
-                radius, furthest = np.sqrt(total) + radii[w], w
-        if step <= steps:
-            x += (middles[furthest, 0] - x) / (step + 1)
-            y += (middles[furthest, 1] - y) / (step + 1)
-            z += (middles[furthest, 2] - z) / (step + 1)
-    return x, y, z, radius
-
-
-@kernel
-def _hold(ends, maps, norms, balls, blocks, middles, radii, block):
-    # The box about the images of balls and boxes, the images' middles and radii.
-    block[:3], block[3:] = np.inf, -np.inf
-    for w in range(len(ends)):
-        q = ends[w]
-        radii[w] = norms[w] * balls[q, 3]
-        for a in range(3):
-            m0, m1, m2, m3 = maps[w, a, 0], maps[w, a, 1], maps[w, a, 2], maps[w, a, 3]
-            middle = m0 * balls[q, 0] + m1 * balls[q, 1] + m2 * balls[q, 2] + m3
-            reach = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * balls[q, 3]
-            other = m0 * blocks[q, 0] + m1 * blocks[q, 1] + m2 * blocks[q, 2] + m3
-            across = abs(m0) * blocks[q, 3] + abs(m1) * blocks[q, 4] + abs(m2) * blocks[q, 5]
-            middles[w, a] = middle
-            block[a] = min(block[a], max(middle - reach, other - across))
-            block[a + 3] = max(block[a + 3], min(middle + reach, other + across))
-    for a in range(3):
-        low, high = block[a], block[a + 3]
-        block[a], block[a + 3] = (low + high) / 2, (high - low) / 2 * TIGHT
-
-
-def held(
-    words: tuple[NDArray[np.int64], Floats], norms: Floats, balls: Floats, blocks: Floats
-) -> tuple[Floats, Floats]:
-    """Return a small ball (4,) and a box (6,) that hold the images of balls and boxes under words.
-
-    Parameters
-    ----------
-    words
-        Their end states (k,) and their maps (k, 3, 4).
-    norms
-        How far they stretch, at most, (k,).
-    balls, blocks
-        Of each state, as in a ``System``: balls and boxes that hold the same.
-    """
-    ends, maps = source(words[0], np.int64), source(words[1], np.float64)
-    given = (source(array, np.float64) for array in (norms, balls, blocks))
-    middles, radii, block = np.empty((len(ends), 3)), np.empty(len(ends)), np.empty(6)
-    _hold(ends, maps, *given, middles, radii, block)
-    *centre, radius = _about(middles, radii, block, STEPS)
-    return np.array([*centre, radius * TIGHT]), block
 
 
 @kernel
@@ -328,6 +264,16 @@ def gaps(first: NDArray[np.int64], targets: NDArray[np.int64], *known: Floats) -
 
 
 @kernel
+def _block(row, blocks, state, low, high):
+    # Intersect an axis of a box with that of a block's image under a map: quickly, before that of
+    # a hull's, for most words can be dropped by this alone.
+    u, v, w, middle = row
+    middle += u * blocks[state, 0] + v * blocks[state, 1] + w * blocks[state, 2]
+    half = abs(u) * blocks[state, 3] + abs(v) * blocks[state, 4] + abs(w) * blocks[state, 5]
+    return max(low, middle - half - SLACK), min(high, middle + half + SLACK)
+
+
+@kernel
 def _enclose(row, hulls, state, low, high):
     # Intersect an axis of a box with that of a hull's image under a map, of which this is a row.
     middle, half = _support(hulls, state, row[0], row[1], row[2])
@@ -413,16 +359,17 @@ def _ends(nodes, boxes, at, spacing, blocks, gaps, state, stop, whole):
     # Whether no point of a box is further than twice ``stop`` from a point of the attractor in it:
     # from any where its half diagonal is not more than ``stop``, or from one near the image of the
     # block's middle.
-    half, far = 0.0, 0.0
+    half, far, reach = 0.0, 0.0, 0.0
     for a in range(3):
-        low, high = boxes[at, a], boxes[at, a + 3]
-        half += (0.5 * (high - low) * spacing[a]) ** 2
-        if whole:
-            middle = _middle(nodes, at, a, blocks, state)
-            gap = nodes[at, a, 0] ** 2 + nodes[at, a, 1] ** 2 + nodes[at, a, 2] ** 2
-            gap = np.sqrt(gap) * gaps[state]
-            far += ((max(high - middle, middle - low) + gap) * spacing[a]) ** 2
-    return half <= stop * stop or (whole and far <= (FAR * stop) ** 2)
+        half += (0.5 * (boxes[at, a + 3] - boxes[at, a]) * spacing[a]) ** 2
+    if half <= stop * stop or not whole or half > (FAR * stop) ** 2:
+        return half <= stop * stop
+    for a in range(3):
+        middle = _middle(nodes, at, a, blocks, state)
+        far += (max(boxes[at, a + 3] - middle, middle - boxes[at, a]) * spacing[a]) ** 2
+        gap = nodes[at, a, 0] ** 2 + nodes[at, a, 1] ** 2 + nodes[at, a, 2] ** 2
+        reach += gap * spacing[a] ** 2
+    return np.sqrt(far) + gaps[state] * np.sqrt(reach) <= FAR * stop
 
 
 @kernel
@@ -471,20 +418,29 @@ def _descend(
         steps += many
         for child in range(first[state], first[state + 1]):
             target = targets[child]
-            row = _row(nodes, parent, 0, maps, child)
+            x_row = _row(nodes, parent, 0, maps, child)
             low, high = boxes[parent, 0], boxes[parent, 3]
-            low, high = _enclose(row, hulls, target, low, high)
-            _put(nodes, boxes, top, 0, row, low, high)
-            x0, x1 = _touched(low, high, s0, n0)
-            row = _row(nodes, parent, 1, maps, child)
+            x_low, x_high = _block(x_row, blocks, target, low, high)
+            x0, x1 = _touched(x_low, x_high, s0, n0)
+            y_row = _row(nodes, parent, 1, maps, child)
             low, high = boxes[parent, 1], boxes[parent, 4]
-            low, high = _enclose(row, hulls, target, low, high)
-            _put(nodes, boxes, top, 1, row, low, high)
-            y0, y1 = _touched(low, high, s1, n1)
-            row = _row(nodes, parent, 2, maps, child)
+            y_low, y_high = _block(y_row, blocks, target, low, high)
+            y0, y1 = _touched(y_low, y_high, s1, n1)
+            z_row = _row(nodes, parent, 2, maps, child)
             low, high = boxes[parent, 2], boxes[parent, 5]
-            low, high = _enclose(row, hulls, target, low, high)
-            _put(nodes, boxes, top, 2, row, low, high)
+            z_low, z_high = _block(z_row, blocks, target, low, high)
+            z0, z1 = _touched(z_low, z_high, s2, n2)
+            apart = x0 > x1 or y0 > y1 or z0 > z1
+            if apart or _none_left(marks, x0, x1, y0, y1, z0, z1):
+                continue
+            low, high = _enclose(x_row, hulls, target, x_low, x_high)
+            _put(nodes, boxes, top, 0, x_row, low, high)
+            x0, x1 = _touched(low, high, s0, n0)
+            low, high = _enclose(y_row, hulls, target, y_low, y_high)
+            _put(nodes, boxes, top, 1, y_row, low, high)
+            y0, y1 = _touched(low, high, s1, n1)
+            low, high = _enclose(z_row, hulls, target, z_low, z_high)
+            _put(nodes, boxes, top, 2, z_row, low, high)
             z0, z1 = _touched(low, high, s2, n2)
             apart = x0 > x1 or y0 > y1 or z0 > z1
             if apart or _none_left(marks, x0, x1, y0, y1, z0, z1):

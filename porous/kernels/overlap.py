@@ -20,8 +20,75 @@ BUDGET = 2_000_000
 SLACK = 1e-7
 """Boxes and distances are larger by this part of a voxel, so that rounding loses no voxel."""
 
+STEPS = 64
+"""Steps towards the smallest ball about others."""
+
+TIGHT = 1 + 1e-9
+"""Balls and boxes about others are larger by this against rounding."""
+
 DEPTH = 256
 """Places on the stack for each map."""
+
+
+@kernel
+def _about(middles, radii, centre, steps):
+    # Each step goes towards the furthest ball: Bădoiu and Clarkson 2003.
+    x, y, z = centre[0], centre[1], centre[2]
+    for step in range(1, steps + 2):
+        radius, furthest = -1.0, 0
+        for w in range(len(radii)):
+            total = (middles[w, 0] - x) ** 2 + (middles[w, 1] - y) ** 2 + (middles[w, 2] - z) ** 2
+            # Roots of the few that are further than all before.
+            if radius < radii[w] or total > (radius - radii[w]) ** 2:
+                radius, furthest = np.sqrt(total) + radii[w], w
+        if step <= steps:
+            x += (middles[furthest, 0] - x) / (step + 1)
+            y += (middles[furthest, 1] - y) / (step + 1)
+            z += (middles[furthest, 2] - z) / (step + 1)
+    return x, y, z, radius
+
+
+@kernel
+def _hold(ends, maps, norms, balls, blocks, middles, radii, block):
+    # The box about the images of balls and boxes, the images' middles and radii.
+    block[:3], block[3:] = np.inf, -np.inf
+    for w in range(len(ends)):
+        q = ends[w]
+        radii[w] = norms[w] * balls[q, 3]
+        for a in range(3):
+            m0, m1, m2, m3 = maps[w, a, 0], maps[w, a, 1], maps[w, a, 2], maps[w, a, 3]
+            middle = m0 * balls[q, 0] + m1 * balls[q, 1] + m2 * balls[q, 2] + m3
+            reach = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * balls[q, 3]
+            other = m0 * blocks[q, 0] + m1 * blocks[q, 1] + m2 * blocks[q, 2] + m3
+            across = abs(m0) * blocks[q, 3] + abs(m1) * blocks[q, 4] + abs(m2) * blocks[q, 5]
+            middles[w, a] = middle
+            block[a] = min(block[a], max(middle - reach, other - across))
+            block[a + 3] = max(block[a + 3], min(middle + reach, other + across))
+    for a in range(3):
+        low, high = block[a], block[a + 3]
+        block[a], block[a + 3] = (low + high) / 2, (high - low) / 2 * TIGHT
+
+
+def held(
+    words: tuple[NDArray[np.int64], Floats], norms: Floats, balls: Floats, blocks: Floats
+) -> tuple[Floats, Floats]:
+    """Return a small ball (4,) and a box (6,) that hold the images of balls and boxes under words.
+
+    Parameters
+    ----------
+    words
+        Their end states (k,) and their maps (k, 3, 4).
+    norms
+        How far they stretch, at most, (k,).
+    balls, blocks
+        Of each state, as in ``kernels.cover.System``: balls and boxes that hold the same.
+    """
+    ends, maps = source(words[0], np.int64), source(words[1], np.float64)
+    given = (source(array, np.float64) for array in (norms, balls, blocks))
+    middles, radii, block = np.empty((len(ends), 3)), np.empty(len(ends)), np.empty(6)
+    _hold(ends, maps, *given, middles, radii, block)
+    *centre, radius = _about(middles, radii, block, STEPS)
+    return np.array([*centre, radius * TIGHT]), block
 
 
 @kernel

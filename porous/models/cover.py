@@ -279,7 +279,8 @@ def _system(automaton: Automaton, given: bytes) -> System:
     balls = np.frombuffer(given).reshape(-1, 4)
     ends = [(t.source, t.target) for t in automaton.transitions]
     rows = np.column_stack([np.array(ends), automaton.maps.reshape(-1, 12)])
-    rows = np.unique(rows + 0.0, axis=0)
+    rows = rows[np.lexsort(rows.T[::-1])] + 0.0
+    rows = rows[np.append(True, (rows[1:] != rows[:-1]).any(axis=1))]
     sources, targets = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
     first = np.searchsorted(sources, np.arange(len(automaton.states) + 1))
     final = np.flatnonzero(np.diff(first) == 0)

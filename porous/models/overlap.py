@@ -167,7 +167,7 @@ def _enclosed(words: Floats, longer: Floats, middle: Floats) -> tuple[Floats, Fl
     so that it holds the attractor; what holds its images under ``longer`` words does so too, and is
     often half as wide.
     """
-    from porous.kernels.cover import held
+    from porous.kernels.overlap import held
 
     steps = np.linalg.norm(words[:, :, :3] @ middle + words[:, :, 3] - middle, axis=1)
     ball = np.append(middle, float((steps / (1 - _norms(words))).max()) * TIGHT)
