@@ -6,8 +6,6 @@ import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
 from porous.measures._census import Census
 from porous.measures._phase import voxels_of
 from porous.measures._thickness import local_and_widths, thickness_voxels
@@ -17,6 +15,7 @@ from porous.values.value import Value
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from porous.kernels.diameters import Widths
@@ -258,10 +257,7 @@ def _halved(grid: VoxelGrid) -> VoxelGrid:
 
 def _means(fill: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the mean of every two by two by two voxels, rounded."""
+    from porous.kernels.means import block_means
+
     x, y, z = (2 * (n // 2) for n in fill.shape)
-    sums = np.full((x // 2, y // 2, z // 2), 4, np.uint16)
-    for i in (0, 1):
-        for j in (0, 1):
-            for k in (0, 1):
-                sums += fill[i:x:2, j:y:2, k:z:2]
-    return (sums // 8).astype(np.uint8)
+    return block_means(fill[:x, :y, :z], 2)

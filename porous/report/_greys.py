@@ -38,6 +38,8 @@ def pooled(grid: Tiled, most: int = FINEST) -> VoxelGrid:
     Blocks are cubes of as many voxels along each axis; the last of them may be cut short, and the
     frame of what is returned reaches beyond the grid by what they lack.
     """
+    from porous.kernels.means import block_means
+
     shape = grid.frame.shape
     step = -(-max(shape) // most)
     if step == 1 and isinstance(grid, VoxelGrid):
@@ -48,35 +50,11 @@ def pooled(grid: Tiled, most: int = FINEST) -> VoxelGrid:
     for first in range(0, shape[0], thick):
         stop = min(first + thick, shape[0])
         slab, _ = grid.block((first, 0, 0), (stop, shape[1], shape[2]))
-        fill[first // step : -(-stop // step)] = _means(slab, step)
+        fill[first // step : -(-stop // step)] = block_means(slab, step)
     frame = grid.frame
     spacing = tuple(step * h for h in frame.spacing)
     low = frame.box.lower
     return VoxelGrid(Frame(low, spacing, count, frame.periodic, frame.unit), fill)  # type: ignore[arg-type]
-
-
-def _means(fill: Bytes, step: int) -> Bytes:
-    """Return the means of blocks, rounded; a block that is cut short has fewer voxels."""
-    sums: NDArray[np.unsignedinteger] = fill
-    size = np.ones((), np.uint32)
-    room = np.uint16 if 255 * step**3 < 1 << 16 else np.uint32
-    for axis in (0, 1, 2):  # planes and rows as they lie in memory come first
-        sums = _added(sums, step, axis, room)
-        starts = range(0, fill.shape[axis], step)
-        size = np.multiply.outer(size, np.diff([*starts, fill.shape[axis]]).astype(np.uint32))
-    return np.ascontiguousarray((sums + size // 2) // size, np.uint8)
-
-
-def _added(
-    values: NDArray[np.unsignedinteger], step: int, axis: int, room: type[np.unsignedinteger]
-) -> NDArray[np.unsignedinteger]:
-    """Return the sums of so many neighbours along an axis; the last may have fewer."""
-    along = np.moveaxis(values, axis, 0)
-    sums = along[::step].astype(room)
-    for first in range(1, step):
-        part = along[first::step]
-        sums[: len(part)] += part
-    return np.moveaxis(sums, 0, axis)
 
 
 def packed_greys(fill: Bytes) -> tuple[bytes, int]:

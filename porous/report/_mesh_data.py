@@ -47,6 +47,9 @@ SLAB = 1 << 21
 ROOM = 0.8
 """The part of the triangles allowed from which on there is no room to split any."""
 
+SPARSE = 8
+"""So many times as many keys as occur may there be, for all to be held."""
+
 STEPS = 65535
 """Steps of a coordinate along each edge of the box."""
 
@@ -166,10 +169,19 @@ def _gathered(surface: SurfaceMesh, marks: Indices, edge: float) -> tuple[Floats
     for axis in range(3):
         place = ((surface.points[:, axis] - low[axis]) / edge).astype(np.int64)
         key = key * (int(place.max()) + 1) + place
-    _, cell = np.unique(key, return_inverse=True)
+    cell = _numbered(key)
     count = np.bincount(cell)
     columns = [np.bincount(cell, weights=surface.points[:, axis]) / count for axis in range(3)]
-    return np.stack(columns, axis=1), _distinct(_renamed(surface.triangles, cell.astype(np.int32)))
+    return np.stack(columns, axis=1), _distinct(_renamed(surface.triangles, cell))
+
+
+def _numbered(keys: Indices) -> NDArray[np.int32]:
+    """Return the place of each key, not negative, among those that occur."""
+    if keys.max(initial=0) > SPARSE * len(keys):
+        return np.unique(keys, return_inverse=True)[1].astype(np.int32)
+    occurs = np.zeros(keys.max(initial=0) + 1, bool)
+    occurs[keys] = True
+    return (np.cumsum(occurs, dtype=np.int32) - 1)[keys]
 
 
 def _renamed(triangles: Indices, names: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -184,14 +196,21 @@ def _renamed(triangles: Indices, names: NDArray[np.int32]) -> NDArray[np.int32]:
 
 def _distinct(triangles: NDArray[np.int32]) -> Indices:
     """Return each triangle once, its smallest corner first; two that face each other both stay."""
-    first = triangles.argmin(axis=1)
-    turned = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
-    return np.unique(turned, axis=0).astype(np.int64)
+    a, b, c = triangles.astype(np.int64).T
+    first = np.where((a < b) & (a < c), 0, np.where(b < c, 1, 2))
+    sides = [np.choose(first, (a, b, c)), np.choose(first, (b, c, a)), np.choose(first, (c, a, b))]
+    count = int(triangles.max(initial=0)) + 1
+    if count >= 1 << 21:  # three numbers do not fit into one
+        return np.unique(np.stack(sides, axis=1), axis=0)
+    keys = np.unique((sides[0] * count + sides[1]) * count + sides[2])
+    pairs, last = np.divmod(keys, count)
+    return np.stack([*np.divmod(pairs, count), last], axis=1)
 
 
 def _used(points: Floats, triangles: Indices) -> tuple[Floats, Indices]:
-    used, flat = np.unique(triangles, return_inverse=True)
-    return points[used], flat.reshape(-1, 3)
+    occurs = np.zeros(len(points), bool)
+    occurs[triangles.ravel()] = True
+    return points[occurs], (np.cumsum(occurs) - 1)[triangles]
 
 
 def _walls_first(

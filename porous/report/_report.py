@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
@@ -15,14 +15,12 @@ from porous.models.model import HasNotes
 from porous.report._agreement import lines, verdict
 from porous.report._citation import citation
 from porous.report._doubts import doubts
-from porous.report._greys import pooled
 from porous.report._page import page, text_of
 from porous.report._plots import plots
 from porous.report._provenance import provenance, title_of, told
 from porous.report._scene import FILES, scene, scene_html
 from porous.report._table import glossary, keys, methods_used, sections
 from porous.scale.costs import SURFACE_VOXELS
-from porous.stages import voxelize
 from porous.values import SurfaceMesh, VoxelGrid
 from porous.view import picture
 
@@ -30,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from porous.pipeline import Result
+    from porous.report._scene import Scene
     from porous.values import VolumeMesh
 
     Drawable = SurfaceMesh | VoxelGrid | VolumeMesh
@@ -55,8 +54,6 @@ CLEANED = ("clean.", "all measures are of the cleaned voxels")
 
 DRAWN_TRIANGLES = 500_000
 """Triangles of a surface up to which it is drawn; beyond, the voxels are."""
-DRAWN_VOXELS = 128
-"""Voxels along the longest edge of what is drawn of a grid that does not lie in memory."""
 
 
 def report_html(result: Result, *, folder: Path | None = None) -> str:
@@ -74,48 +71,49 @@ def report_html(result: Result, *, folder: Path | None = None) -> str:
     folder
         Where the files are that its recipe reads, if they are not named in full.
     """
-    value, remark = _drawable(result)
-    with ThreadPoolExecutor(1) as aside:  # the picture is drawn by a process of its own meanwhile
-        drawing = aside.submit(_picture, value)
-        viewer, scripts = _viewer(result)
-        image, excuse = drawing.result()
+    body = scene(result)
+    value, remark = _drawable(result, body)
+    with ThreadPoolExecutor(1) as drawing:  # a process of its own, which the rest need not wait for
+        drawn = drawing.submit(_picture, value)
+        rest = _rest(result, body, folder)
+        image, excuse = drawn.result()
+    return page("report.html", image=image, remark=remark, excuse=excuse, **rest)
+
+
+def _rest(result: Result, body: Scene | None, folder: Path | None) -> dict[str, Any]:
+    """Return what the page holds besides its picture."""
     steps = _steps(result)
     origin = provenance(result, folder)
     drawn = plots(result.findings.curves)
     by = [row.method for row in result.measures]
-    return page(
-        "report.html",
-        plots=drawn,
-        scripts=scripts,
-        title=title_of(result),
-        parts=_parts(plots=drawn, image=steps, findings=result.findings.notes),
-        viewer=viewer,
-        image=image,
-        remark=remark,
-        excuse=excuse,
-        verdict=verdict(result.certificate),
-        keys=keys(result.measures),
-        sections=sections(result.measures),
-        checks=lines(result.certificate),
-        doubts=doubts(result),
-        findings=result.findings.notes,
-        steps=steps,
-        notes=[note for note in result.notes if note not in steps],
-        provenance=origin,
-        origin=told(origin),
-        citation=citation(result, origin.versions["porous"]),
-        glossary=glossary((*result.measures.names, *(plot.definition for plot in drawn))),
-        methods=methods_used((*by, *(method for plot in drawn for method in plot.methods))),
-    )
+    by += [method for plot in drawn for method in plot.methods]
+    return {
+        **_viewer(body),
+        "plots": drawn,
+        "title": title_of(result),
+        "parts": _parts(plots=drawn, image=steps, findings=result.findings.notes),
+        "verdict": verdict(result.certificate),
+        "keys": keys(result.measures),
+        "sections": sections(result.measures),
+        "checks": lines(result.certificate),
+        "doubts": doubts(result),
+        "findings": result.findings.notes,
+        "steps": steps,
+        "notes": [note for note in result.notes if note not in steps],
+        "provenance": origin,
+        "origin": told(origin),
+        "citation": citation(result, origin.versions["porous"]),
+        "glossary": glossary((*result.measures.names, *(plot.definition for plot in drawn))),
+        "methods": methods_used(by),
+    }
 
 
-def _viewer(result: Result) -> tuple[Markup, tuple[str, ...]]:
+def _viewer(body: Scene | None) -> dict[str, Any]:
     """Return a body to be turned, if there is one, and the scripts that turn it."""
-    body = scene(result)
     if body is None:
-        return Markup(), ()
+        return {"viewer": Markup(), "scripts": ()}
     scripts = tuple(text_of(FILES[name]) for name in ("reading", "script"))
-    return Markup(scene_html(body)), scripts  # noqa: S704  (a template of the package)
+    return {"viewer": Markup(scene_html(body)), "scripts": scripts}  # noqa: S704  (a template of the package)
 
 
 def _parts(**given: Sequence[object]) -> list[tuple[str, str]]:
@@ -154,20 +152,16 @@ def _picture(value: Drawable | None) -> tuple[str, str]:
         return "", f"There is no picture: {error}."
 
 
-def _drawable(result: Result) -> tuple[Drawable | None, str]:
-    """Return what to draw of a result, and what to say of it: too much is drawn more coarsely."""
+def _drawable(result: Result, body: Scene | None) -> tuple[Drawable | None, str]:
+    """Return what to draw of a result, and what to say of it: of too much what the view shows."""
     surface, grid = result.surface, result.grid
     if isinstance(surface, SurfaceMesh) and (
         grid is None or len(surface.triangles) <= DRAWN_TRIANGLES
     ):
         return surface, ""
-    if grid is not None and not isinstance(grid, VoxelGrid):
-        assert result.model is not None
-        count = min(DRAWN_VOXELS, max(grid.frame.shape))
-        grid = voxelize(result.model, voxels=count, sampling=grid.sampling)
-        remark = f", drawn with {count} voxels along its longest edge"
-        return (grid, remark) if grid.solid.any() else (None, "")
-    if grid is not None and grid.frame.size > SURFACE_VOXELS:
-        grid = pooled(grid)
-        return grid, f", drawn with voxels of {grid.frame.spacing[0]:.3g} {grid.frame.unit}"
-    return (grid, "") if grid is not None and grid.solid.any() else (result.volume, "")
+    if isinstance(grid, VoxelGrid) and grid.frame.size <= SURFACE_VOXELS:
+        return (grid, "") if grid.solid.any() else (result.volume, "")
+    if grid is None or body is None:
+        return result.volume, ""
+    count = f"{len(body.triangles):,}".replace(",", "\u202f")
+    return body.surface, f", drawn with {count} triangles{body.remark}"

@@ -137,6 +137,14 @@ class Scene(Value):
         return np.asarray(low + self.places * ((high - low) / STEPS))
 
     @property
+    def surface(self) -> SurfaceMesh:
+        """The triangles as they are shown, those in sides told from walls."""
+        sides = (np.arange(len(self.triangles)) >= self.walls).astype(np.int16)
+        return SurfaceMesh(
+            self.points, self.triangles.astype(np.int64), self.unit, sides, ("WALL", "SIDE")
+        )
+
+    @property
     def caption(self) -> str:
         """How much of the surface is shown, and how well."""
         count, full = len(self.triangles), self.full
