@@ -46,5 +46,5 @@ def test_what_is_missing_for_want_of_a_box_is_noted(is_round, monkeypatch):
     bulk = np.full(fill.shape, 255, np.uint8)
     bulk[0, 0] = 0
     grid = VoxelGrid(Frame((0, 0, 0), (1, 1, 1), fill.shape), fill, bulk if is_round else None)
-    notes = _survey.surveyed(grid, None, Survey(), None).findings.notes
+    notes = _survey.surveyed(grid, None, None, Survey(), None).findings.notes
     assert [note.partition(":")[0] for note in notes] == ["the bulk is no box"] * is_round
