@@ -24,7 +24,7 @@ ASKED = 512
 
 FAR = 1.4
 """Boxes are last ones, too, of which no point is further from one of the attractor's points than so
-many ``stop``: twice it is what the bound allows, and this marks as few voxels as half diagonals."""
+many ``stop``: the bound allows two, but so it marks about as few voxels as by half diagonals."""
 
 CELLS = 8
 """Hulls are known along the corners of so many cells squared, on each of three faces of a cube."""
