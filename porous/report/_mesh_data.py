@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from porous.kernels.nearest import Nearest
     from porous.values import VolumeMesh
 
     Floats = NDArray[np.float64]
@@ -104,17 +106,24 @@ def shown(surface: SurfaceMesh, most: int = MOST) -> Shown:
     if full <= most:
         order = np.argsort(capped, kind="stable")
         return Shown(surface.points, surface.triangles[order], int((~capped).sum()), full)
-    points, triangles = surface.points, surface.triangles
+    with ThreadPoolExecutor(1) as beside:
+        whole = beside.submit(_whole, surface)
+        points, triangles = _thinned(surface, capped, most)
+        planes = list(_planes(surface, capped))
+        order, walls = _walls_first(points, triangles, planes)
+        off = _deviation(surface, whole.result(), points, triangles)
+    return Shown(points, triangles[order], walls, full, *off)
+
+
+def _thinned(surface: SurfaceMesh, capped: NDArray[np.bool_], most: int) -> tuple[Floats, Indices]:
+    full, points, triangles = len(surface.triangles), surface.points, surface.triangles
     if full > EASY * most:
         points, triangles = _clustered(surface, capped, EASY * most)
     if len(triangles) < FEW * most:  # dust: its grains are smaller than cells
         points, triangles = surface.points, surface.triangles[:: -(-full // most)]
     elif len(triangles) > most:
         points, triangles = collapsed(points, triangles, most, _edge(points, triangles))
-    planes = list(_planes(surface, capped))
-    points, triangles = _used(points, triangles[:most])
-    order, walls = _walls_first(points, triangles, planes)
-    return Shown(points, triangles[order], walls, full, *_deviation(surface, points, triangles))
+    return _used(points, triangles[:most])
 
 
 def _capped(surface: SurfaceMesh) -> NDArray[np.bool_]:
@@ -278,14 +287,24 @@ def _turned(rows: Indices, triangles: Indices, middle: Indices, long: NDArray[np
     return np.concatenate(list(both), axis=1)
 
 
-def _deviation(surface: SurfaceMesh, points: Floats, triangles: Indices) -> tuple[float, float]:
+def _whole(surface: SurfaceMesh) -> Nearest:
+    """Return a surface that can be asked for distances, or some of its triangles.
+
+    The distance to some is no less than that to all, and of so many little more.
+    """
+    from porous.kernels.nearest import Nearest
+
+    return Nearest(surface.points, surface.triangles[:: len(surface.triangles) // MANY + 1])
+
+
+def _deviation(
+    surface: SurfaceMesh, whole: Nearest, points: Floats, triangles: Indices
+) -> tuple[float, float]:
     """Return how far off what is shown is, and what share of the whole lies further from it."""
     from porous.kernels.nearest import Nearest
 
-    full = len(surface.triangles)
     middles = points[triangles[:: len(triangles) // ASKED + 1]].mean(axis=1)
     asked = np.concatenate([points, middles])
-    # The distance to some triangles is no less than that to all, and of so many little more.
-    away = Nearest(surface.points, surface.triangles[:: full // MANY + 1]).farthest(asked)
+    away = whole.farthest(asked)
     some = surface.points[:: len(surface.points) // ASKED + 1]
     return away, float(Nearest(points, triangles).beyond(some, away).mean())
