@@ -38,8 +38,8 @@ MOST_STEPS = 20_000_000
 STEPS_PER_VOXEL = 300
 """Words that a descent may look at: at least, and per voxel of its window."""
 
-SLAB = 1 << 20
-WORTH = 1 << 12
+SLAB = 1 << 19
+WORTH = 1 << 15
 """Cells of a slab, and those of them that are marked, about: fewer are not worth a thread …"""
 
 SLABS = 4
@@ -170,7 +170,7 @@ class _Window(Window):
 
         planes, across = int(self.shape[0]), int(self.shape[1] * self.shape[2])
         many = min(SLABS * threads(), planes * across / SLAB, occupied / WORTH)
-        return max(1, min(math.ceil(planes / max(many, 1.0)), MOST_CELLS // across))
+        return max(1, min(math.ceil(planes / max(math.floor(many), 1)), MOST_CELLS // across))
 
     def cover(
         self, marks: NDArray[np.uint8], known: _Known, root: tuple[int, Floats], size: float
