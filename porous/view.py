@@ -210,6 +210,8 @@ def _save_scene(path: Path, value: Drawable, size: tuple[int, int], *, triad: bo
         raise ViewError("there is nothing to draw: no solid voxel, triangle or cell")
     edges = isinstance(value, VolumeMesh)
     walls = _walls(value) if isinstance(value, SurfaceMesh) else np.zeros(len(faces), bool)
+    if walls.any():  # sides and walls meet in creases, however obtuse
+        points, faces = np.concatenate([points, points]), faces + len(points) * ~walls[:, None]
     np.savez(path, points=points, faces=faces, walls=walls, size=size, edges=edges, triad=triad)
 
 

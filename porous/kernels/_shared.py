@@ -41,15 +41,16 @@ def _digest(path: str) -> str:
 
 
 @functools.cache
-def _folder(digest: str) -> str:
+def _room() -> Path:
+    """Return the folder that compiled kernels lie in, or one for this process alone."""
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(home) / "porous" / f"kernels-{digest}"
+    folder = Path(home) / "porous"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return str(folder)
+            return folder
     except OSError:
-        return tempfile.mkdtemp(prefix="porous-kernels-")
+        return Path(tempfile.mkdtemp(prefix="porous-kernels-"))
 
 
 class ByText:
@@ -62,7 +63,7 @@ class ByText:
 
     def get_cache_path(self) -> str:
         """Return the folder."""
-        return _folder(self._digest)
+        return str(_room() / f"kernels-{self._digest}")
 
     def ensure_cache_path(self) -> None:
         """Raise OSError where the folder is not there."""

@@ -79,7 +79,6 @@ from porous.measures._surface_area import (
 )
 from porous.measures._survey import families, survey
 from porous.measures._thickness import LocalThickness, local_thickness, thicknesses
-from porous.measures._together import taken
 from porous.measures._topology import (
     components,
     components_26,
@@ -173,7 +172,6 @@ __all__ = [
     "succolarity",
     "surface_area",
     "survey",
-    "taken",
     "thicknesses",
     "thin_wall_share",
     "through_porosity_x",

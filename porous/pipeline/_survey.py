@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from porous.measures import Findings, Sample, Survey, families, taken
+from porous.measures import Findings, Sample, Survey, families
+from porous.measures._together import taken
 from porous.models.model import HasDoubts, HasLattice
 from porous.scale.costs import SURFACE_VOXELS
 

@@ -163,5 +163,4 @@ def _drawable(result: Result, body: Scene | None) -> tuple[Drawable | None, str]
         return (grid, "") if grid.solid.any() else (result.volume, "")
     if grid is None or body is None:
         return result.volume, ""
-    count = f"{len(body.triangles):,}".replace(",", "\u202f")
-    return body.surface, f", drawn with {count} triangles{body.remark}"
+    return body.surface, f", drawn as the view shows it{body.remark}"
