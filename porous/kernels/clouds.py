@@ -146,13 +146,7 @@ def spread(system: System, state: int, finest: float, most: int) -> tuple[Floats
     Parts are those of the shortest words of half diagonals up to ``finest``; there are no points,
     and the size is infinite, where there are more than ``most`` of them.
     """
-    given = (
-        source(system.first, np.int64),
-        source(system.targets, np.int64),
-        source(system.maps, np.float64),
-        source(system.balls, np.float64),
-        source(system.points, np.float64),
-    )
+    given = system.first, system.targets, system.maps, system.balls, system.points
     points = np.empty((3, most))
     words = np.empty(most, np.int64), np.empty((most + 1, 3, 4))
     made, largest = _spread(given, state, finest, *words, points)
@@ -229,13 +223,7 @@ def fit(
     margin
         How near, in voxels.
     """
-    given = (
-        source(system.first, np.int64),
-        source(system.targets, np.int64),
-        source(system.maps, np.float64),
-        source(system.balls, np.float64),
-        source(system.blocks, np.float64),
-    )
+    given = system.first, system.targets, system.maps, system.balls, system.blocks
     window = source(shape, np.int64), source(spacing, np.float64), float(margin)
     asked = source(widest, np.float64), source(counts, np.int64), int(most)
     words = _room(ROOM)
@@ -259,10 +247,12 @@ def _room(size: int) -> Words:
 
 
 @kernel
-def _stamp(marks, across, along, maps, xs, ys, zs, places):
+def _stamp(marks, shape, maps, cloud, places):
     # All images lie in the window. Places first, marks after: the first loop has no stores that
     # could alias its loads, and is compiled to vectors.
+    xs, ys, zs = cloud[0], cloud[1], cloud[2]
     count, new = len(xs), 0
+    across, along = np.int32(shape[1] * shape[2]), np.int32(shape[2])
     for w in range(len(maps)):
         a, b, c, p = maps[w, 0, 0], maps[w, 0, 1], maps[w, 0, 2], maps[w, 0, 3]
         d, e, f, q = maps[w, 1, 0], maps[w, 1, 1], maps[w, 1, 2], maps[w, 1, 3]
@@ -281,7 +271,8 @@ def _stamp(marks, across, along, maps, xs, ys, zs, places):
 
 
 @kernel
-def _stamp_clipped(marks, shape, maps, xs, ys, zs, places):
+def _stamp_clipped(marks, shape, maps, cloud, places):
+    xs, ys, zs = cloud[0], cloud[1], cloud[2]
     count, new = len(xs), 0
     nx, ny, nz = np.float64(shape[0]), np.float64(shape[1]), np.float64(shape[2])
     across, along = np.int32(shape[1] * shape[2]), np.int32(shape[2])
@@ -323,16 +314,12 @@ def stamp(marks: NDArray[np.uint8], maps: Floats, cloud: Floats, *, inside: bool
         where they do not, images outside are left out, more slowly.
     """
     flat = marks.reshape(-1)
-    xs, ys, zs = (source(axis, np.float64) for axis in cloud)
-    step = max(1, BATCH // max(1, len(xs)))
-    places = np.empty(len(xs), np.int32)
-    shape = source(marks.shape, np.int64)
-    across, along = np.int32(marks.shape[1] * marks.shape[2]), np.int32(marks.shape[2])
+    count = cloud.shape[1]
+    step = max(1, BATCH // max(1, count))
+    given = source(cloud, np.float64), np.empty(count, np.int32)
+    draw = _stamp if inside else _stamp_clipped
     new = 0
     for first in range(0, len(maps), step):
         batch = source(maps[first : first + step], np.float64)
-        if inside:
-            new += _stamp(flat, across, along, batch, xs, ys, zs, places)
-        else:
-            new += _stamp_clipped(flat, shape, batch, xs, ys, zs, places)
+        new += draw(flat, marks.shape, batch, *given)
     return int(new)

@@ -47,7 +47,7 @@ class System(NamedTuple):
     ``first`` (s + 1,) cuts ``targets`` (t,) and ``maps`` (t, 3, 4), source ← target, by source;
     ``balls`` (s, 4), ``blocks`` (s, 6), middles and half edges of boxes, and ``hulls`` (s, 3, c, c,
     2) hold the attractors, ``points`` (s, 3) lie in them; ``gaps`` (s,) is from a block's middle to
-    the nearest of its attractor's points, or more.
+    the nearest of its attractor's points, or more. All are as ``_shared.source`` returns them.
 
     A hull says the middle and half of its width along each direction of which one component is one
     and the other two, in their order, are corners of cells of −1 … 1.
@@ -184,8 +184,8 @@ def enclosures(
     """
     balls = np.array(balls, np.float64)
     blocks, hulls = np.empty((len(balls), 6)), np.empty((len(balls), 3, CELLS + 1, CELLS + 1, 2))
-    given = source(first, np.int64), source(targets, np.int64), source(maps, np.float64)
-    _enclosures(*given, balls, blocks, hulls, hulls.reshape(-1), np.empty_like(hulls))
+    given = first, targets, maps, balls, blocks, hulls
+    _enclosures(*given, hulls.reshape(-1), np.empty_like(hulls))
     return balls, blocks, hulls
 
 
@@ -257,9 +257,7 @@ def gaps(first: NDArray[np.int64], targets: NDArray[np.int64], *known: Floats) -
         Its maps, balls, blocks and points.
     """
     result = np.empty(len(first) - 1)
-    given = source(first, np.int64), source(targets, np.int64)
-    arrays = (source(array, np.float64) for array in known)
-    _gaps(*given, *arrays, result, np.empty(TRIED, np.int64), np.empty((TRIED + 1, 3, 4)))
+    _gaps(first, targets, *known, result, np.empty(TRIED, np.int64), np.empty((TRIED + 1, 3, 4)))
     return result
 
 
@@ -483,13 +481,13 @@ class Descent:
         self.marks = marks
         self.given = source(start, np.int64), source(spacing, np.float64)
         self.system = (
-            source(system.first, np.int64),
-            source(system.targets, np.int64),
-            source(system.maps, np.float64),
-            source(system.blocks, np.float64),
-            source(system.points, np.float64),
-            source(system.hulls.reshape(-1), np.float64),
-            source(system.gaps, np.float64),
+            system.first,
+            system.targets,
+            system.maps,
+            system.blocks,
+            system.points,
+            system.hulls.reshape(-1),
+            system.gaps,
         )
         self.root = root
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -66,16 +67,18 @@ class Cloud(NamedTuple):
         """Return about this share of the points, from everywhere, (3, k)."""
         count = self.points.shape[1]
         kept = max(1, math.ceil(share * count))
+        if kept == count:
+            return self.points
         return self.points[:, np.arange(kept) * count // kept]
 
-    def per_voxel(self, size: Floats) -> Floats:
+    def per_voxel(self, size: Floats | float) -> Floats:
         """Return about how many points an occupied voxel gets under words of this half diagonal."""
-        parts = np.maximum(size * self.fineness, np.finfo(float).tiny)
+        parts = np.maximum(size * self.fineness, sys.float_info.min)
         return np.asarray((APART / parts) ** self.dimension)
 
     def occupied(self, size: float) -> float:
         """Return about how many voxels the attractor is in, its own half diagonal being so many."""
-        return len(self.points[0]) / float(self.per_voxel(np.array([size]))[0])
+        return len(self.points[0]) / float(self.per_voxel(size))
 
     @property
     def widest(self) -> float:
@@ -122,15 +125,16 @@ def fitting(
     """
     from porous.kernels.clouds import fit
 
-    count = np.array([cloud.points.shape[1] for cloud in found])
+    counts = [cloud.points.shape[1] for cloud in found]
+    edge = float(h.min())
     return fit(
         system,
         root,
         shape,
         h,
-        widest=np.array([cloud.widest for cloud in found]) * h.min(),
-        counts=count,
-        most=MOST_POINTS * int(shape.prod()) + int(count.max()),
+        widest=np.array([cloud.widest * edge for cloud in found]),
+        counts=np.array(counts),
+        most=MOST_POINTS * math.prod(map(int, shape)) + max(counts),
         margin=MARGIN + reach,
     )
 
@@ -151,12 +155,13 @@ def stamp_points(
     h
         Edge lengths of a voxel, (3,).
     """
+    edge = float(h.min())
     for state, cloud in enumerate(found):
         own = words.states == state
         for within in (True, False):
-            chosen = own & (words.inside == within)
-            if chosen.any():
-                dense = float(cloud.per_voxel(words.sizes[chosen] / h.min()).mean())
+            chosen = np.flatnonzero(own & (words.inside == within))
+            if len(chosen):
+                dense = float(cloud.per_voxel(words.sizes[chosen] / edge).mean())
                 share = min(1.0, WANTED / dense) if cloud.dimension else 1.0
                 _stamp_parts(marks, words.maps[chosen], cloud.thinned(share), inside=within)
 

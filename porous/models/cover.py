@@ -51,6 +51,7 @@ MOST_CELLS = (1 << 31) - 1
 ROUNDING = 1 + 1e-5
 """Covers the kernels' slack."""
 
+_ONE = np.eye(3)
 _ONE_AT_A_TIME = threading.Lock()
 
 
@@ -176,7 +177,8 @@ class _Window(Window):
         self, marks: NDArray[np.uint8], known: _Known, root: tuple[int, Floats], size: float
     ) -> None:
         """Mark the cells of this window that are touched by boxes of half diagonal ``size``."""
-        here = np.column_stack([root[1][:, :3], root[1][:, 3] - self.start])
+        here = root[1].copy()
+        here[:, 3] -= self.start
         # What is sought may be marked although the attractor is as far as 2 ``size``.
         reach = 2 * size / float(self.spacing.min()) if known.reference else 0.0
         given = known.system, known.clouds, (root[0], here), self.shape, self.spacing
@@ -274,28 +276,26 @@ def _placed(automaton: Automaton, frame: Frame, cell: Floats) -> tuple[int, Floa
 @lru_cache(maxsize=8)
 def _system(automaton: Automaton, given: bytes) -> System:
     """Return the automaton's maps by source, each but once, and a point of each attractor."""
+    from porous.kernels._shared import source
     from porous.kernels.cover import System, enclosures, gaps
 
     balls = np.frombuffer(given).reshape(-1, 4)
-    ends = [(t.source, t.target) for t in automaton.transitions]
-    rows = np.column_stack([np.array(ends), automaton.maps.reshape(-1, 12)])
-    rows = rows[np.lexsort(rows.T[::-1])] + 0.0
-    rows = rows[np.append(True, (rows[1:] != rows[:-1]).any(axis=1))]
-    sources, targets = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
-    first = np.searchsorted(sources, np.arange(len(automaton.states) + 1))
-    final = np.flatnonzero(np.diff(first) == 0)
+    maps = (automaton.maps.reshape(-1, 12) + 0.0).tolist()
+    ends = ((t.source, t.target) for t in automaton.transitions)
+    rows = np.array(sorted({(*pair, *row) for pair, row in zip(ends, maps, strict=True)}))
+    first = source(np.searchsorted(rows[:, 0], range(len(automaton.states) + 1)), np.int64)
+    targets, maps = source(rows[:, 1], np.int64), source(rows[:, 2:].reshape(-1, 3, 4), np.float64)
+    final = np.flatnonzero(first[1:] == first[:-1])
     if len(final):
         raise ModelError(
             f"state {automaton.states[final[0]].name!r}: has no transitions, so nothing says what "
             "of it belongs to the limit; wanted transitions from every state, or a level"
         )
-    maps = rows[:, 2:].reshape(-1, 3, 4)
-    balls, blocks, hulls = enclosures(first, targets, maps, balls)
-    points = np.array(
-        [_point(state, first, targets, maps, balls) for state in range(len(automaton.states))]
-    )
-    found = gaps(first, targets, maps, balls, blocks, points)
-    return System(first, targets, maps, balls, blocks, points, hulls, found)
+    places = [_point(state, first, targets, maps) for state in range(len(automaton.states))]
+    found = *enclosures(first, targets, maps, balls), np.array(places)
+    balls, blocks, hulls, points = (source(array, np.float64) for array in found)
+    far = source(gaps(first, targets, maps, balls, blocks, points), np.float64)
+    return System(first, targets, maps, balls, blocks, points, hulls, far)
 
 
 class _Known(NamedTuple):
@@ -325,21 +325,21 @@ def _reference(automaton: Automaton, given: bytes) -> Reference:
     return reference(_system(automaton, given))
 
 
-def _point(state: int, first: Indices, targets: Indices, maps: Floats, balls: Floats) -> Floats:
+def _point(state: int, first: Indices, targets: Indices, maps: Floats) -> Floats:
     """Return a point of a state's attractor: the fixed point of the cycle its first maps run into.
 
-    A state without maps has its ball's centre.
+    There are maps from every state.
     """
     path: list[int] = []
-    while state not in path and first[state] < first[state + 1]:
+    while state not in path:
         path.append(state)
         state = int(targets[first[state]])
-    at = path.index(state) if state in path else len(path)
-    A, b = np.eye(3), np.zeros(3)
-    for q in path[at:]:
+    at = path.index(state)
+    A, b = maps[first[state], :, :3], maps[first[state], :, 3]
+    for q in path[at + 1 :]:
         b = b + A @ maps[first[q], :, 3]
         A = A @ maps[first[q], :, :3]
-    point = np.linalg.solve(np.eye(3) - A, b) if state in path else balls[state, :3]
+    point = np.linalg.solve(_ONE - A, b)
     for q in reversed(path[:at]):
         point = maps[first[q], :, :3] @ point + maps[first[q], :, 3]
     return np.asarray(point)
