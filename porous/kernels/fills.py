@@ -114,31 +114,19 @@ def pooled(
 
 
 @kernel
-def _differ(a, b):
-    """Tell whether of two fills one is 0 and one 255: those two bytes differ in all bits."""
-    return (np.uint8(a ^ b) == 255) & (np.uint8(a + 1) <= 1)
-
-
-@kernel
 def _sharp(one, other, counts):
-    """Return how often 0 meets 255 between two rows; add 1 to ``counts`` there, if it has room."""
+    """Return how often 0 meets 255 between two rows; add 1 to ``counts`` there, if it has room.
+
+    Those two bytes differ in all bits, and are the only ones that one more makes 1 or 0.
+    """
     total = 0
     for k in range(len(one)):
-        total += np.int64(_differ(one[k], other[k]))
+        total += np.int64((np.uint8(one[k] ^ other[k]) == 255) & (np.uint8(one[k] + 1) <= 1))
     if total and len(counts):
         for k in range(len(one)):
-            counts[k] += np.int64(_differ(one[k], other[k]))
+            sharp = (np.uint8(one[k] ^ other[k]) == 255) & (np.uint8(one[k] + 1) <= 1)
+            counts[k] += np.int64(sharp)
     return total
-
-
-@kernel
-def _ends(row):
-    """Return how many voxels are empty and how many full; no table is asked, so it is quick."""
-    none, every = 0, 0
-    for k in range(len(row)):
-        none += np.int64(row[k] == 0)
-        every += np.int64(row[k] == 255)
-    return none, every
 
 
 @kernel
@@ -167,7 +155,10 @@ def _survey(fill, bulk, ends, above, void, histogram, jumps):
                 for k in range(b - a):
                     histogram[row[k], bulk[i, j, a + k]] += 1
                 continue
-            none, every = _ends(row)
+            none, every = 0, 0
+            for k in range(b - a):  # no table is asked, so it is quick
+                none += np.int64(row[k] == 0)
+                every += np.int64(row[k] == 255)
             histogram[0, 0] += none
             histogram[255, 0] += every
             if none + every < b - a:
