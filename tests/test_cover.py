@@ -52,6 +52,14 @@ STRETCHING = [
     (np.array([[0, -1.2, 0], [0.5, 0, 0], [0, 0, 0.5]]), np.array([0.5, 0, 0.2])),
     (np.array([[0, 1.2, 0], [-0.5, 0, 0], [0, 0, 0.4]]), np.array([-0.5, 0, -0.1])),
 ]
+# Parts that are ever flatter, or longer; in a plane; on a line; a point.
+FLAT = [(rotation(k) @ np.diag([0.6, 0.5, 0.15]), np.eye(3)[k] / 2) for k in range(3)]
+NEEDLES = [(rotation(k) @ np.diag([0.7, 0.2, 0.1]), np.eye(3)[k] / 2) for k in range(3)]
+PLANE = [
+    (rotation(7) @ np.diag([0.5, 0.5, 0.0]), rotation(7) @ np.array([x, y, 0.3]))
+    for x, y in [(0, 0), (0.5, 0), (0.1, 0.5)]
+]
+LINE = [(np.outer(rotation(3)[0], [0.4, 0.1, 0.2]), rotation(3)[0] * k / 2) for k in range(3)]
 SYSTEMS = {
     "menger": MENGER,
     "tetrahedron": TETRA,
@@ -59,6 +67,11 @@ SYSTEMS = {
     "stretching": STRETCHING,
     "turned": turned_maps(4, 0.5, 1),
     "overlapping": turned_maps(4, 0.6, 2),
+    "flat": FLAT,
+    "needles": NEEDLES,
+    "plane": PLANE,
+    "line": LINE,
+    "point": [(rotation(4) * 0.5, np.array([0.1, 0.2, 0.3]))],
 }
 each_system = pytest.mark.parametrize("name", SYSTEMS)
 
@@ -66,7 +79,7 @@ each_system = pytest.mark.parametrize("name", SYSTEMS)
 def framed(maps, shape, margin=0.03):
     points = naive.chaos_points(maps, 20_000)
     box = Box.of_points(points)
-    box = box.grown(margin * max(box.lengths))
+    box = box.grown(margin * max(*box.lengths, 0.1))
     return Frame(box.lower, np.array(box.lengths) / shape, shape)
 
 
@@ -180,6 +193,8 @@ def test_a_cover_does_not_depend_on_order_repetition_or_tiles(name):
 def test_a_cover_does_not_depend_on_slabs_or_threads(name, monkeypatch):
     frame = framed(SYSTEMS[name], (26, 19, 23))
     marks, _ = covered(SYSTEMS[name], frame)
+    monkeypatch.setattr(covers, "FIRST", 0)
+    monkeypatch.setattr(covers, "FEW", 0)
     monkeypatch.setattr(covers, "SLAB", 1)
     monkeypatch.setattr(covers, "WORTH", 1)
     window = covers._Window.of(frame)
@@ -192,6 +207,20 @@ def test_a_cover_does_not_depend_on_slabs_or_threads(name, monkeypatch):
     monkeypatch.setattr(covers, "MOST_CELLS", 3 * 19 * 23)
     assert window._thickness(0.0) == 3
     assert np.array_equal(covered(SYSTEMS[name], frame)[0], marks)
+
+
+@each_system
+def test_a_cover_does_not_depend_on_whether_points_are_marked_first(name, monkeypatch):
+    maps = SYSTEMS[name]
+    frame = framed(maps, (31, 43, 36)).tile((3, 0, 7), (29, 43, 34))
+    for fine in (2, 16):
+        found = []
+        for first, few in ((0, 0), (100, 0), (100, 1e9), (10**9, 0)):
+            monkeypatch.setattr(covers, "FIRST", first)
+            monkeypatch.setattr(covers, "FEW", few)
+            found.append(covered(maps, frame, fine=fine)[0])
+        assert found[0].any()
+        assert all(np.array_equal(marks, found[0]) for marks in found)
 
 
 def test_a_cover_does_not_depend_on_the_names_of_states():
@@ -227,6 +256,7 @@ def test_threads_that_want_the_same_wait_for_one(monkeypatch):
         time.sleep(0.05)
         return clouds(system, edge)
 
+    monkeypatch.setattr(covers, "FIRST", 0)
     monkeypatch.setattr(covers, "clouds", slowly)
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda _: cover_attractor(automaton, balls, frame)[0], range(4)))

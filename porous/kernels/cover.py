@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from porous.kernels._shared import kernel, source
+from porous.kernels.candidates import EVERY, SMALL, any_left, left, mark, near, within
+from porous.kernels.hulls import support
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,26 +21,15 @@ BUDGET = 2_000_000
 SLACK = 1e-7
 """Boxes are larger by this part of a voxel, so that rounding loses no voxel."""
 
-ASKED = 512
-"""Boxes of more voxels are not asked whether all of theirs are marked already."""
+TINY = 1e-100
+"""Faces of no area have no direction, and their slabs part nothing."""
+
+ROOM = 1024
+"""Words that there is room for, before there are more."""
 
 FAR = 1.4
 """Boxes are last ones, too, of which no point is further from one of the attractor's points than so
 many ``stop``: the bound allows two, but so it marks about as few voxels as by half diagonals."""
-
-CELLS = 8
-"""Hulls are known along the corners of so many cells squared, on each of three faces of a cube."""
-
-ROUNDS = 32
-NARROW = 5e-3
-"""Steps that narrow hulls, at most, and what part of a ball's radius the last one gained."""
-
-GRAIN = 64
-TRIED = 2048
-"""The distance of a hull's middle from points is known to a radius over this, or after so many."""
-
-TIGHT = 1 + 1e-9
-"""Balls and boxes about others are larger by this against rounding."""
 
 
 class System(NamedTuple):
@@ -64,204 +55,6 @@ class System(NamedTuple):
 
 
 @kernel
-def _support(hulls, state, u, v, w):
-    # The middle and half of a hull's width along a direction, or of more: it reaches no further
-    # than the mean of the corners of the direction's cell does, being convex. Hulls are flat, and
-    # read by what cannot be negative: their number of axes, and whether an index counts from the
-    # end, would take half the time.
-    x, y, z = abs(u), abs(v), abs(w)
-    first, second = x >= y and x >= z, y >= z
-    face = 0 if first else (1 if second else 2)
-    most = u if first else (v if second else w)
-    p = v if first else u
-    q = w if first or second else v
-    scale = 1.0 / most if most != 0.0 else 0.0
-    x, y = (p * scale + 1.0) * (CELLS / 2), (q * scale + 1.0) * (CELLS / 2)
-    i, j = min(np.int64(x), CELLS - 1), min(np.int64(y), CELLS - 1)
-    x, y = x - i, y - j
-    at = np.uint64((((state * 3 + face) * (CELLS + 1) + i) * (CELLS + 1) + j) * 2)
-    over = at + np.uint64(2 * CELLS + 2)
-    a, b, c, d = (1.0 - x) * (1.0 - y), (1.0 - x) * y, x * (1.0 - y), x * y
-    middle = a * hulls[at] + b * hulls[at + np.uint64(2)]
-    middle += c * hulls[over] + d * hulls[over + np.uint64(2)]
-    half = a * hulls[at + np.uint64(1)] + b * hulls[at + np.uint64(3)]
-    half += c * hulls[over + np.uint64(1)] + d * hulls[over + np.uint64(3)]
-    return most * middle, abs(most) * half
-
-
-@kernel
-def _direction(face, i, j):
-    p, q = 2.0 * i / CELLS - 1.0, 2.0 * j / CELLS - 1.0
-    if face == 0:
-        return 1.0, p, q
-    if face == 1:
-        return p, 1.0, q
-    return p, q, 1.0
-
-
-@kernel
-def _begin(balls, hulls):
-    # Hulls that are balls.
-    for state, face, i, j in np.ndindex(hulls.shape[:4]):
-        u, v, w = _direction(face, i, j)
-        middle = u * balls[state, 0] + v * balls[state, 1] + w * balls[state, 2]
-        hulls[state, face, i, j, 0] = middle
-        hulls[state, face, i, j, 1] = np.sqrt(u * u + v * v + w * w) * balls[state, 3]
-
-
-@kernel
-def _narrow(first, targets, maps, balls, hulls, flat, result):
-    # An attractor reaches as far as the furthest of its parts; the largest gain, in radii.
-    gain = 0.0
-    for state, face, i, j in np.ndindex(hulls.shape[:4]):
-        u, v, w = _direction(face, i, j)
-        middle, half = hulls[state, face, i, j, 0], hulls[state, face, i, j, 1]
-        low, high = np.inf, -np.inf
-        for t in range(first[state], first[state + 1]):
-            a = u * maps[t, 0, 0] + v * maps[t, 1, 0] + w * maps[t, 2, 0]
-            b = u * maps[t, 0, 1] + v * maps[t, 1, 1] + w * maps[t, 2, 1]
-            c = u * maps[t, 0, 2] + v * maps[t, 1, 2] + w * maps[t, 2, 2]
-            shift = u * maps[t, 0, 3] + v * maps[t, 1, 3] + w * maps[t, 2, 3]
-            other, across = _support(flat, targets[t], a, b, c)
-            low, high = min(low, shift + other - across), max(high, shift + other + across)
-        low, high = max(low, middle - half), min(high, middle + half)
-        result[state, face, i, j, 0] = (low + high) / 2
-        result[state, face, i, j, 1] = (high - low) / 2
-        if balls[state, 3] > 0.0:
-            gain = max(gain, (half - (high - low) / 2) / balls[state, 3])
-    return gain
-
-
-@kernel
-def _about_hulls(hulls, balls, blocks):
-    # Boxes and balls about hulls. Between the corners of a cell, a direction is longer than their
-    # mean length by at most a quarter of the cell's squared edge.
-    for state in range(len(hulls)):
-        radius = 0.0
-        for a in range(3):
-            blocks[state, a] = hulls[state, a, CELLS // 2, CELLS // 2, 0]
-            blocks[state, a + 3] = hulls[state, a, CELLS // 2, CELLS // 2, 1] * TIGHT
-        for face, i, j in np.ndindex(hulls.shape[1:4]):
-            u, v, w = _direction(face, i, j)
-            middle = u * blocks[state, 0] + v * blocks[state, 1] + w * blocks[state, 2]
-            reach = abs(hulls[state, face, i, j, 0] - middle) + hulls[state, face, i, j, 1]
-            radius = max(radius, reach / np.sqrt(u * u + v * v + w * w))
-        radius *= (1.0 + 1.0 / CELLS**2) * TIGHT
-        if radius < balls[state, 3]:
-            balls[state, 3] = radius
-            for a in range(3):
-                balls[state, a] = blocks[state, a]
-
-
-@kernel
-def _enclosures(first, targets, maps, balls, blocks, hulls, flat, work):
-    _begin(balls, hulls)
-    for _ in range(ROUNDS):
-        gain = _narrow(first, targets, maps, balls, hulls, flat, work)
-        hulls[:] = work
-        if gain < NARROW:
-            break
-    for state, face, i, j in np.ndindex(hulls.shape[:4]):
-        hulls[state, face, i, j, 1] += (TIGHT - 1.0) * balls[state, 3]
-    _about_hulls(hulls, balls, blocks)
-
-
-def enclosures(
-    first: NDArray[np.int64], targets: NDArray[np.int64], maps: Floats, balls: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return smaller balls (s, 4), boxes (s, 6) and hulls of attractors, as of a ``System``.
-
-    An attractor reaches along a direction as far as one of its parts does, which is as far as the
-    attractor it is an image of does along another direction: h(u) = max (u·b + h(Aᵀu)). What is
-    larger than h stays so under the right side.
-
-    Parameters
-    ----------
-    first, targets, maps
-        Of a ``System``.
-    balls
-        Centre and radius of balls that hold the attractors, (s, 4).
-    """
-    balls = np.array(balls, np.float64)
-    blocks, hulls = np.empty((len(balls), 6)), np.empty((len(balls), 3, CELLS + 1, CELLS + 1, 2))
-    given = first, targets, maps, balls, blocks, hulls
-    _enclosures(*given, hulls.reshape(-1), np.empty_like(hulls))
-    return balls, blocks, hulls
-
-
-@kernel
-def _product(nodes, at, maps, child, result, made):
-    for a in range(3):
-        for c in range(4):
-            value = nodes[at, a, 3] if c == 3 else 0.0
-            for b in range(3):
-                value += nodes[at, a, b] * maps[child, b, c]
-            result[made, a, c] = value
-
-
-@kernel
-def _far(nodes, at, points, state, goals, goal):
-    # From the image of a point, or of a ball's or a block's middle, to a goal.
-    total = 0.0
-    for a in range(3):
-        value = nodes[at, a, 3] - goals[goal, a]
-        for b in range(3):
-            value += nodes[at, a, b] * points[state, b]
-        total += value * value
-    return np.sqrt(total)
-
-
-@kernel
-def _gap(first, targets, maps, balls, blocks, points, goal, states, nodes):
-    # Depth first, parts that are nearer than the best point so far by a quarter of a grain.
-    room, tried, top = len(states), 0, 1
-    states[0], nodes[0] = goal, np.eye(3, 4)
-    best = _far(nodes, 0, points, goal, blocks, goal)
-    grain = balls[goal, 3] / GRAIN
-    while top > 0 and tried < TRIED:
-        top -= 1
-        state = states[top]
-        for a in range(3):
-            for c in range(4):
-                nodes[room, a, c] = nodes[top, a, c]
-        for child in range(first[state], first[state + 1]):
-            target, total = targets[child], 0.0
-            _product(nodes, room, maps, child, nodes, top)
-            tried += 1
-            for a in range(3):
-                for b in range(3):
-                    total += nodes[top, a, b] ** 2
-            near = _far(nodes, top, balls, target, blocks, goal) - np.sqrt(total) * balls[target, 3]
-            best = min(best, _far(nodes, top, points, target, blocks, goal))
-            if near < best - grain / 4 and top < room - 1:
-                states[top] = target
-                top += 1
-    # Up to a whole grain, so that it does not depend on where the search ended.
-    return max(best, np.ceil(best / grain - 1e-6) * grain) if grain > 0.0 else best
-
-
-@kernel
-def _gaps(first, targets, maps, balls, blocks, points, gaps, states, nodes):
-    for state in range(len(gaps)):
-        gaps[state] = _gap(first, targets, maps, balls, blocks, points, state, states, nodes)
-
-
-def gaps(first: NDArray[np.int64], targets: NDArray[np.int64], *known: Floats) -> Floats:
-    """Return how far at most the middles of blocks are from the attractors, (s,).
-
-    Parameters
-    ----------
-    first, targets
-        Of a ``System``.
-    known
-        Its maps, balls, blocks and points.
-    """
-    result = np.empty(len(first) - 1)
-    _gaps(first, targets, *known, result, np.empty(TRIED, np.int64), np.empty((TRIED + 1, 3, 4)))
-    return result
-
-
-@kernel
 def _block(row, blocks, state, low, high):
     # Intersect an axis of a box with that of a block's image under a map: quickly, before that of
     # a hull's, for most words can be dropped by this alone.
@@ -274,7 +67,7 @@ def _block(row, blocks, state, low, high):
 @kernel
 def _enclose(row, hulls, state, low, high):
     # Intersect an axis of a box with that of a hull's image under a map, of which this is a row.
-    middle, half = _support(hulls, state, row[0], row[1], row[2])
+    middle, half = support(hulls, state, row[0], row[1], row[2])
     middle += row[3]
     return max(low, middle - half - SLACK), min(high, middle + half + SLACK)
 
@@ -288,30 +81,75 @@ def _touched(low, high, start, size):
 
 
 @kernel
-def _none_left(marks, x0, x1, y0, y1, z0, z1):
-    # Whether all voxels of a span are marked, if it is one of not too many.
-    if (x1 - x0 + 1) * (y1 - y0 + 1) * (z1 - z0 + 1) > ASKED:
-        return False
-    for i in range(x0, x1 + 1):
-        for j in range(y0, y1 + 1):
-            for k in range(z0, z1 + 1):
-                if marks[i, j, k] == 0:
-                    return False
-    return True
+def _span(box, start, shape):
+    # The window's voxels that a box meets.
+    x0, x1 = _touched(box[0], box[3], start[0], shape[0])
+    y0, y1 = _touched(box[1], box[4], start[1], shape[1])
+    z0, z1 = _touched(box[2], box[5], start[2], shape[2])
+    return x0, x1, y0, y1, z0, z1
+
+
+@kernel
+def _is_empty(span):
+    return span[0] > span[1] or span[2] > span[3] or span[4] > span[5]
+
+
+@kernel
+def _is_small(box):
+    return box[3] - box[0] < SMALL and box[4] - box[1] < SMALL and box[5] - box[2] < SMALL
+
+
+@kernel
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def _square(a):
+    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+
+
+@kernel
+def _unit(a):
+    scale = 1.0 / max(np.sqrt(_square(a)), TINY)
+    return a[0] * scale, a[1] * scale, a[2] * scale
+
+
+@kernel
+def _slab(n, rows, hulls, state):
+    # A direction, the middle and half of a hull's image's width along it.
+    u, v, w = n
+    x, y, z = rows
+    a = u * x[0] + v * y[0] + w * z[0]
+    b = u * x[1] + v * y[1] + w * z[1]
+    c = u * x[2] + v * y[2] + w * z[2]
+    middle, half = support(hulls, state, a, b, c)
+    return u, v, w, middle + u * x[3] + v * y[3] + w * z[3], half
+
+
+@kernel
+def _slabs(rows, blocks, hulls, state):
+    # What an image is thin along: across its largest face, and across that one's longest edge.
+    x, y, z = rows
+    h, i, j = blocks[state, 3], blocks[state, 4], blocks[state, 5]
+    a, b, c = (
+        (x[0] * h, y[0] * h, z[0] * h),
+        (x[1] * i, y[1] * i, z[1] * i),
+        (x[2] * j, y[2] * j, z[2] * j),
+    )
+    face, other, third = _cross(b, c), _cross(c, a), _cross(a, b)
+    face = other if _square(other) > _square(face) else face
+    face = _unit(third if _square(third) > _square(face) else face)
+    edge = b if _square(b) > _square(a) else a
+    edge = c if _square(c) > _square(edge) else edge
+    side = _unit(_cross(face, edge))
+    return _slab(face, rows, hulls, state), _slab(side, rows, hulls, state)
 
 
 @kernel
 def _middle(nodes, at, a, blocks, state):
     value = nodes[at, a, 3] + nodes[at, a, 0] * blocks[state, 0]
     return value + nodes[at, a, 1] * blocks[state, 1] + nodes[at, a, 2] * blocks[state, 2]
-
-
-@kernel
-def _mark(marks, x0, x1, y0, y1, z0, z1):
-    for i in range(x0, x1 + 1):
-        for j in range(y0, y1 + 1):
-            for k in range(z0, z1 + 1):
-                marks[i, j, k] = 1
 
 
 @kernel
@@ -332,24 +170,61 @@ def _stamp(marks, start, nodes, at, points, state):
 
 
 @kernel
-def _row(nodes, at, a, maps, child):
+def _row(nodes, at, a):
+    return nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2], nodes[at, a, 3]
+
+
+@kernel
+def _longer(row, maps, child):
     # A row of the map of a word with one more letter. Arrays are passed whole, each by itself, and
     # to what neither loops nor calls on: views of rows, members of tuples and arrays of all else
     # are references that are counted.
-    m0, m1, m2 = nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2]
-    n3 = m0 * maps[child, 0, 3] + m1 * maps[child, 1, 3] + m2 * maps[child, 2, 3]
+    u, v, w, shift = row
     return (
-        m0 * maps[child, 0, 0] + m1 * maps[child, 1, 0] + m2 * maps[child, 2, 0],
-        m0 * maps[child, 0, 1] + m1 * maps[child, 1, 1] + m2 * maps[child, 2, 1],
-        m0 * maps[child, 0, 2] + m1 * maps[child, 1, 2] + m2 * maps[child, 2, 2],
-        n3 + nodes[at, a, 3],
+        u * maps[child, 0, 0] + v * maps[child, 1, 0] + w * maps[child, 2, 0],
+        u * maps[child, 0, 1] + v * maps[child, 1, 1] + w * maps[child, 2, 1],
+        u * maps[child, 0, 2] + v * maps[child, 1, 2] + w * maps[child, 2, 2],
+        u * maps[child, 0, 3] + v * maps[child, 1, 3] + w * maps[child, 2, 3] + shift,
     )
 
 
 @kernel
-def _put(nodes, boxes, at, a, row, low, high):
-    nodes[at, a, 0], nodes[at, a, 1], nodes[at, a, 2], nodes[at, a, 3] = row
-    boxes[at, a], boxes[at, a + 3] = low, high
+def _in_blocks(rows, blocks, state, box):
+    x0, x1 = _block(rows[0], blocks, state, box[0], box[3])
+    y0, y1 = _block(rows[1], blocks, state, box[1], box[4])
+    z0, z1 = _block(rows[2], blocks, state, box[2], box[5])
+    return x0, y0, z0, x1, y1, z1
+
+
+@kernel
+def _in_hulls(rows, hulls, state, box):
+    x0, x1 = _enclose(rows[0], hulls, state, box[0], box[3])
+    y0, y1 = _enclose(rows[1], hulls, state, box[1], box[4])
+    z0, z1 = _enclose(rows[2], hulls, state, box[2], box[5])
+    return x0, y0, z0, x1, y1, z1
+
+
+@kernel
+def _box(boxes, at):
+    return boxes[at, 0], boxes[at, 1], boxes[at, 2], boxes[at, 3], boxes[at, 4], boxes[at, 5]
+
+
+@kernel
+def _put(nodes, boxes, at, rows, box):
+    x, y, z = rows
+    nodes[at, 0, 0], nodes[at, 0, 1], nodes[at, 0, 2], nodes[at, 0, 3] = x
+    nodes[at, 1, 0], nodes[at, 1, 1], nodes[at, 1, 2], nodes[at, 1, 3] = y
+    nodes[at, 2, 0], nodes[at, 2, 1], nodes[at, 2, 2], nodes[at, 2, 3] = z
+    boxes[at, 0], boxes[at, 1], boxes[at, 2], boxes[at, 3], boxes[at, 4], boxes[at, 5] = box
+
+
+@kernel
+def _open(states, nodes, boxes, masks, state, hulls):
+    # The empty word, of which the map is there.
+    everywhere = -np.inf, -np.inf, -np.inf, np.inf, np.inf, np.inf
+    rows = _row(nodes, 0, 0), _row(nodes, 0, 1), _row(nodes, 0, 2)
+    states[0], masks[0] = state, EVERY
+    _put(nodes, boxes, 0, rows, _in_hulls(rows, hulls, state, everywhere))
 
 
 @kernel
@@ -387,67 +262,74 @@ def _descend(
     states,
     nodes,
     boxes,
+    masks,
+    free,
+    made,
     top,
     budget,
 ):
-    # Depth first. A box lies in its parent's, so a node whose voxels are all marked can add none,
-    # and what is marked in the end depends neither on the order nor on the window. That is why
-    # points are stamped at the ends only: the points of shorter words are those of longer ones, but
-    # for rounding.
+    # Depth first. A box lies in its parent's, and of a small box's voxels those are candidates that
+    # are its parent's or, where that one's is not small, that no slab about its part of the
+    # attractor parts from it. So a node whose candidates are all marked can add none, and what is
+    # marked in the end depends neither on the order nor on the window. That is why points are
+    # stamped at the ends only: the points of shorter words are those of longer ones, but for
+    # rounding.
     steps, parent = 0, len(states)
-    s0, s1, s2 = start[0], start[1], start[2]
-    n0, n1, n2 = marks.shape
+    shape, corner = marks.shape, (start[0], start[1], start[2])
+    shift = corner[0] & 7, corner[1] & 7, corner[2] & 7
     while top > 0 and steps < budget:
         many = first[states[top - 1] + 1] - first[states[top - 1]]
         if top + many > len(states):
             return top, steps, True
         top -= 1
-        state = states[top]
+        state, outer = states[top], _box(boxes, top)
+        span, narrow = _span(outer, corner, shape), _is_small(outer)
         # Its voxels may have been marked since by others.
-        x0, x1 = _touched(boxes[top, 0], boxes[top, 3], s0, n0)
-        y0, y1 = _touched(boxes[top, 1], boxes[top, 4], s1, n1)
-        z0, z1 = _touched(boxes[top, 2], boxes[top, 5], s2, n2)
-        if _none_left(marks, x0, x1, y0, y1, z0, z1):
+        if narrow:
+            more = left(marks, free, made, shift, span, masks, top, parent)
+        else:
+            more = any_left(marks, free, made, shift, span)
+        if not more:
             continue
-        for a in range(3):  # out of its children's way
-            for c in range(4):
-                nodes[parent, a, c] = nodes[top, a, c]
-            boxes[parent, a], boxes[parent, a + 3] = boxes[top, a], boxes[top, a + 3]
+        x_row, y_row, z_row = _row(nodes, top, 0), _row(nodes, top, 1), _row(nodes, top, 2)
         steps += many
         for child in range(first[state], first[state + 1]):
             target = targets[child]
-            x_row = _row(nodes, parent, 0, maps, child)
-            low, high = boxes[parent, 0], boxes[parent, 3]
-            x_low, x_high = _block(x_row, blocks, target, low, high)
-            x0, x1 = _touched(x_low, x_high, s0, n0)
-            y_row = _row(nodes, parent, 1, maps, child)
-            low, high = boxes[parent, 1], boxes[parent, 4]
-            y_low, y_high = _block(y_row, blocks, target, low, high)
-            y0, y1 = _touched(y_low, y_high, s1, n1)
-            z_row = _row(nodes, parent, 2, maps, child)
-            low, high = boxes[parent, 2], boxes[parent, 5]
-            z_low, z_high = _block(z_row, blocks, target, low, high)
-            z0, z1 = _touched(z_low, z_high, s2, n2)
-            apart = x0 > x1 or y0 > y1 or z0 > z1
-            if apart or _none_left(marks, x0, x1, y0, y1, z0, z1):
+            rows = (
+                _longer(x_row, maps, child),
+                _longer(y_row, maps, child),
+                _longer(z_row, maps, child),
+            )
+            box = _in_blocks(rows, blocks, target, outer)
+            span = _span(box, corner, shape)
+            if _is_empty(span):
                 continue
-            low, high = _enclose(x_row, hulls, target, x_low, x_high)
-            _put(nodes, boxes, top, 0, x_row, low, high)
-            x0, x1 = _touched(low, high, s0, n0)
-            low, high = _enclose(y_row, hulls, target, y_low, y_high)
-            _put(nodes, boxes, top, 1, y_row, low, high)
-            y0, y1 = _touched(low, high, s1, n1)
-            low, high = _enclose(z_row, hulls, target, z_low, z_high)
-            _put(nodes, boxes, top, 2, z_row, low, high)
-            z0, z1 = _touched(low, high, s2, n2)
-            apart = x0 > x1 or y0 > y1 or z0 > z1
-            if apart or _none_left(marks, x0, x1, y0, y1, z0, z1):
+            if narrow:
+                more = within(shift, span, masks, parent, top)
+            else:
+                more = any_left(marks, free, made, shift, span)
+            if not more:
                 continue
+            box = _in_hulls(rows, hulls, target, box)
+            span = _span(box, corner, shape)
+            if _is_empty(span):
+                continue
+            if narrow:
+                more = within(shift, span, masks, top, top)
+            else:
+                more = any_left(marks, free, made, shift, span)
+            if not more:
+                continue
+            if not narrow and _is_small(box):
+                first_slab, second_slab = _slabs(rows, blocks, hulls, target)
+                if not near(shift, corner, span, masks, top, first_slab, second_slab):
+                    continue
+            _put(nodes, boxes, top, rows, box)
             if not _ends(nodes, boxes, top, spacing, blocks, gaps, target, stop, whole):
                 states[top] = target
                 top += 1
             elif whole:
-                _mark(marks, x0, x1, y0, y1, z0, z1)
+                mark(marks, free, shift, span, masks, top)
             else:
                 _stamp(marks, start, nodes, top, points, target)
     return top, steps, False
@@ -490,39 +372,57 @@ class Descent:
             system.gaps,
         )
         self.root = root
+        self.top = 0
 
     def run(self, stop: float, *, whole: bool, limit: int) -> int:
         """Descend to boxes of half diagonal ``stop``; return the number of words looked at.
 
         Marks the voxel of a point of the attractor in each of the last boxes. Where ``whole``, all
         voxels that they touch; boxes are then the last ones, too, of which no point is further than
-        ``FAR`` times ``stop`` from some point of the attractor. Returns more than ``limit`` where
-        it gave up there.
+        ``FAR`` times ``stop`` from some point of the attractor: ``stop`` is not larger than a voxel
+        there. Returns more than ``limit`` where it gave up; called again, it goes on from there.
         """
-        size = 1024
-        stack = self._stack(size)
-        stack[0][0] = self.root[0]
-        stack[1][0] = self.root[1]
-        for a, row in enumerate(self.root[1]):
-            held = _enclose(tuple(map(float, row)), self.system[5], self.root[0], -np.inf, np.inf)
-            stack[2][0, a], stack[2][0, a + 3] = held
-        top, total = 1, 0
-        while top and total <= limit:
-            top, steps, full = _descend(
-                self.marks, *self.given, *self.system, stop, whole, *stack, top, BUDGET
+        if not self.top:
+            self.stack = self._stack(ROOM)
+            self.stack[1][0] = self.root[1]
+            _open(*self.stack, self.root[0], self.system[5])
+            self.top = 1
+        total, known = 0, self._unread()
+        while self.top and total <= limit:
+            budget = min(BUDGET, limit + 1 - total)
+            self.top, steps, full = _descend(
+                self.marks,
+                *self.given,
+                *self.system,
+                stop,
+                whole,
+                *self.stack,
+                *known,
+                self.top,
+                budget,
             )
             total += steps
             if full:
-                size *= 2
-                stack = self._grown(stack, size, top)
+                self._grow()
         return total
 
-    def _stack(self, size: int) -> tuple[NDArray[np.int64], Floats, Floats]:
-        # One more map and box than states: the node that is being opened.
-        return np.empty(size, np.int64), np.empty((size + 1, 3, 4)), np.empty((size + 1, 6))
+    def _unread(self) -> tuple[NDArray[np.uint64], NDArray[np.uint8]]:
+        # Blocks of voxels whose marks have not been read. Places in them are the lattice's.
+        ends = zip(self.marks.shape, self.given[0].tolist(), strict=True)
+        blocks = tuple((many + start % 8 + 3) // 4 for many, start in ends)
+        return np.empty(blocks, np.uint64), np.zeros(blocks, np.uint8)
 
-    def _grown(self, stack: tuple[Any, ...], size: int, top: int) -> tuple[Any, ...]:
-        result = self._stack(size)
-        for new, old in zip(result, stack, strict=True):
-            new[:top] = old[:top]
-        return result
+    def _stack(self, size: int) -> tuple[NDArray[Any], ...]:
+        # One more mask than states: that of the word that is being opened.
+        return (
+            np.empty(size, np.int64),
+            np.empty((size, 3, 4)),
+            np.empty((size, 6)),
+            np.empty((size + 1, 8), np.uint64),
+        )
+
+    def _grow(self) -> None:
+        larger = self._stack(2 * len(self.stack[0]))
+        for new, old in zip(larger, self.stack, strict=True):
+            new[: self.top] = old[: self.top]
+        self.stack = larger

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,7 +20,7 @@ from porous.values import CENTRE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from porous.kernels.cover import System
+    from porous.kernels.cover import Descent, System
     from porous.kernels.overlap import Reference
     from porous.models.automaton import Automaton
     from porous.models.clouds import Cloud
@@ -38,6 +39,13 @@ MOST_STEPS = 20_000_000
 STEPS_PER_VOXEL = 300
 """Words that a descent may look at: at least, and per voxel of its window."""
 
+FIRST = 1024
+"""Words that are looked at before points are sought: they may be enough."""
+
+FEW = 4096
+"""Of about so many voxels that are touched, none are marked by points first: these would cost more
+than the words that they spare."""
+
 SLAB = 1 << 19
 WORTH = 1 << 15
 """Cells of a slab, and those of them that are marked, about: fewer are not worth a thread …"""
@@ -51,7 +59,6 @@ MOST_CELLS = (1 << 31) - 1
 ROUNDING = 1 + 1e-5
 """Covers the kernels' slack."""
 
-_ONE = np.eye(3)
 _ONE_AT_A_TIME = threading.Lock()
 
 
@@ -67,9 +74,10 @@ def cover_attractor(
 
     Words are descended with boxes that are certain to hold their part of the attractor, each
     within its parent's, down to a half diagonal of ε = min(spacing) / 16; every voxel that a last
-    box touches is marked. So the attractor lies in marked voxels, and every point of these is
-    within a voxel's diagonal + 2 ε of it. Voxels that hold one of the attractor's points are
-    marked first: a word whose box touches no others can add none, nor can longer ones. Where words
+    box touches is marked, but those that a slab about the part of a shorter word does not touch. So
+    the attractor lies in marked voxels, and every point of these is within a voxel's diagonal + 2 ε
+    of it. Voxels that hold one of the attractor's points are marked first, where there are not but
+    few: a word whose box touches no others can add none, nor can longer ones. Where words
     at one place become ever more with their length (``models/overlap.py``), they are sought
     backwards instead from each voxel that is not marked, down to the same ε. The marks depend on
     the lattice alone: not on the order of the maps, the tile or the threads.
@@ -103,7 +111,7 @@ def cover_attractor(
         masks = net.grown(frame, CENTRE, reach)
         return (masks != 0).view(np.uint8), (frame.diagonal + 2 * net.error) * ROUNDING
     size = min(frame.spacing) / fine
-    marks = _Window.of(frame).covered(automaton, balls, _root(automaton, frame, 1), size)
+    marks = _Window.of(frame).covered(automaton, balls.tobytes(), _root(automaton, frame, 1), size)
     return marks, (frame.diagonal + 2 * size) * ROUNDING
 
 
@@ -142,17 +150,27 @@ class _Window(Window):
     """A window that an attractor's maps of space are descended in."""
 
     def covered(
-        self, automaton: Automaton, balls: Floats, root: tuple[int, Floats], size: float
+        self, automaton: Automaton, given: bytes, root: tuple[int, Floats], size: float
     ) -> NDArray[np.uint8]:
         """Return which cells are touched by boxes of half diagonal ``size``, uint8 of 0 and 1."""
         from porous.kernels._shared import slabs
+        from porous.kernels.cover import Descent
 
         edge = float(self.spacing.min())
         with _ONE_AT_A_TIME:  # threads that want the same wait for one
-            known = _known(automaton, balls.tobytes(), edge)
+            system, backwards = _system(automaton, given), _reference(automaton, given)
         marks = self.empty()
+        descent = Descent(marks, self.start, self.spacing, system, root)
+        if not backwards and descent.run(size, whole=True, limit=FIRST) <= FIRST:
+            return marks
+        with _ONE_AT_A_TIME:
+            known = _Known(system, _clouds(automaton, given, edge), backwards)
+        occupied = known.occupied(root[0], edge)
+        if not backwards and occupied <= FEW:
+            _finish(descent, (size,), whole=True)
+            return marks
 
-        thickness = self._thickness(known.occupied(root[0], edge))
+        thickness = self._thickness(occupied)
         if thickness >= len(marks):  # as tiles are, of which each thread has its own
             self.cover(marks, known, root, size)
             return marks
@@ -236,11 +254,16 @@ class _Window(Window):
     ) -> None:
         from porous.kernels.cover import Descent
 
-        limit = MOST_STEPS + STEPS_PER_VOXEL * marks.size
         descent = Descent(marks, self.start, self.spacing, system, root)
-        for size in sizes:
-            if descent.run(size, whole=whole, limit=limit) > limit:
-                raise ModelError(_endless(limit))
+        _finish(descent, sizes, whole=whole)
+
+
+def _finish(descent: Descent, sizes: tuple[float, ...], *, whole: bool) -> None:
+    """Run a descent to the end for each of some sizes, or raise where none is in sight."""
+    limit = MOST_STEPS + STEPS_PER_VOXEL * descent.marks.size
+    for size in sizes:
+        if descent.run(size, whole=whole, limit=limit) > limit:
+            raise ModelError(_endless(limit))
 
 
 def _endless(limit: int) -> str:
@@ -269,33 +292,35 @@ def _root(automaton: Automaton, frame: Frame, split: int) -> tuple[int, Floats]:
 
 def _placed(automaton: Automaton, frame: Frame, cell: Floats) -> tuple[int, Floats]:
     """Return the start state and the map of its space to cells of these edge lengths."""
-    shift = -np.array(frame.origin) / cell
-    return automaton.start, np.column_stack([np.diag(1 / cell), shift])
+    root = np.zeros((3, 4))
+    for a in range(3):
+        root[a, a], root[a, 3] = 1 / cell[a], -frame.origin[a] / cell[a]
+    return automaton.start, root
 
 
 @lru_cache(maxsize=8)
 def _system(automaton: Automaton, given: bytes) -> System:
     """Return the automaton's maps by source, each but once, and a point of each attractor."""
     from porous.kernels._shared import source
-    from porous.kernels.cover import System, enclosures, gaps
+    from porous.kernels.cover import System
+    from porous.kernels.hulls import enclosures
 
-    balls = np.frombuffer(given).reshape(-1, 4)
     maps = (automaton.maps.reshape(-1, 12) + 0.0).tolist()
     ends = ((t.source, t.target) for t in automaton.transitions)
-    rows = np.array(sorted({(*pair, *row) for pair, row in zip(ends, maps, strict=True)}))
-    first = source(np.searchsorted(rows[:, 0], range(len(automaton.states) + 1)), np.int64)
-    targets, maps = source(rows[:, 1], np.int64), source(rows[:, 2:].reshape(-1, 3, 4), np.float64)
-    final = np.flatnonzero(first[1:] == first[:-1])
-    if len(final):
-        raise ModelError(
-            f"state {automaton.states[final[0]].name!r}: has no transitions, so nothing says what "
-            "of it belongs to the limit; wanted transitions from every state, or a level"
-        )
-    places = [_point(state, first, targets, maps) for state in range(len(automaton.states))]
-    found = *enclosures(first, targets, maps, balls), np.array(places)
-    balls, blocks, hulls, points = (source(array, np.float64) for array in found)
-    far = source(gaps(first, targets, maps, balls, blocks, points), np.float64)
-    return System(first, targets, maps, balls, blocks, points, hulls, far)
+    rows = sorted({(*pair, *row) for pair, row in zip(ends, maps, strict=True)})
+    sources = [row[0] for row in rows]
+    starts = [bisect_left(sources, state) for state in range(len(automaton.states) + 1)]
+    for state, some, end in zip(automaton.states, starts, starts[1:], strict=False):
+        if some == end:
+            raise ModelError(
+                f"state {state.name!r}: has no transitions, so nothing says what of it belongs to "
+                "the limit; wanted transitions from every state, or a level"
+            )
+    first, targets = source(starts, np.int64), source([row[1] for row in rows], np.int64)
+    maps = source([row[2:] for row in rows], np.float64).reshape(-1, 3, 4)
+    balls = np.frombuffer(given).reshape(-1, 4)
+    found = enclosures(first, targets, maps, balls)
+    return System(first, targets, maps, *(source(array, np.float64) for array in found))
 
 
 class _Known(NamedTuple):
@@ -313,33 +338,11 @@ class _Known(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _known(automaton: Automaton, given: bytes, edge: float) -> _Known:
-    """Return what covers by voxels of this edge are made with."""
-    system = _system(automaton, given)
-    known = _reference(automaton, given) if overlaps(system) else None
-    return _Known(system, clouds(system, edge), known)
+def _clouds(automaton: Automaton, given: bytes, edge: float) -> tuple[Cloud, ...]:
+    return clouds(_system(automaton, given), edge)
 
 
 @lru_cache(maxsize=4)
-def _reference(automaton: Automaton, given: bytes) -> Reference:
-    return reference(_system(automaton, given))
-
-
-def _point(state: int, first: Indices, targets: Indices, maps: Floats) -> Floats:
-    """Return a point of a state's attractor: the fixed point of the cycle its first maps run into.
-
-    There are maps from every state.
-    """
-    path: list[int] = []
-    while state not in path:
-        path.append(state)
-        state = int(targets[first[state]])
-    at = path.index(state)
-    A, b = maps[first[state], :, :3], maps[first[state], :, 3]
-    for q in path[at + 1 :]:
-        b = b + A @ maps[first[q], :, 3]
-        A = A @ maps[first[q], :, :3]
-    point = np.linalg.solve(_ONE - A, b)
-    for q in reversed(path[:at]):
-        point = maps[first[q], :, :3] @ point + maps[first[q], :, 3]
-    return np.asarray(point)
+def _reference(automaton: Automaton, given: bytes) -> Reference | None:
+    system = _system(automaton, given)
+    return reference(system) if overlaps(system) else None
