@@ -41,6 +41,7 @@ RESULTS = Path(os.environ.get("POROUS_RESULTS", Path(__file__).parent / "results
 TILE = (128, 128, 128)
 SIDE = 256
 POINTS_PER_VOXEL = 10
+SYSTEMS = 100
 
 
 def best(work, repeats):
@@ -257,7 +258,7 @@ class Attractor:
 
     def covered(self, fine):
         """Return the certified cover down to a part of a voxel's edge, from nothing."""
-        for kept in (cover._system, cover._reference, cover._known):  # noqa: SLF001
+        for kept in (cover._system, cover._reference, cover._clouds):  # noqa: SLF001
             kept.cache_clear()
         return cover.cover_attractor(self.automaton, self.balls, self.frame, fine=fine)[0]
 
@@ -296,6 +297,55 @@ def attractors(table):
     for name, body in few.items():
         warm(body)
         certified(table, name, body)
+
+
+def random_maps(random):
+    """Return 2 to 9 random maps: similarities, turned stretches, shears, or flat ones."""
+    kind, maps = random.integers(4), []
+    for _ in range(random.integers(2, 10)):
+        turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+        if kind == 0:
+            matrix = turn * random.uniform(0.2, 0.6)
+        elif kind == 1:
+            matrix = turn @ np.diag(random.uniform(0.1, 0.7, 3))
+        elif kind == 2:
+            matrix = turn @ (np.eye(3) + np.triu(random.uniform(-0.7, 0.7, (3, 3)), 1))
+            matrix *= random.uniform(0.25, 0.7) / np.linalg.norm(matrix, 2)
+        else:
+            thin = random.choice([0, 0.1, 0.3])
+            sizes = [random.uniform(0.3, 0.8), random.uniform(0.1, 0.5), thin]
+            matrix = turn @ np.diag(sizes)
+        maps.append((matrix, random.uniform(-0.5, 0.5, 3)))
+    return maps
+
+
+def random_systems(table):
+    """Time certified covers of random systems that do not overlap much, and name the slow ones."""
+    question, found = "certified cover, ε = h/2, random systems, 128 to 512", []
+    for seed in range(SYSTEMS):
+        random = np.random.default_rng(seed)
+        maps, voxels = random_maps(random), int(random.choice([128, 256, 256, 512]))
+        if sum(abs(np.linalg.det(matrix)) for matrix, _ in maps) > 1:
+            continue
+        body = Attractor(maps, voxels)
+        occupied = int(body.covered(2).sum())
+        works = [
+            lambda b=body: b.covered(2),
+            lambda b=body, n=occupied: b.game(POINTS_PER_VOXEL * n),
+        ]
+        repeats = 9 if occupied < 10**5 else 2
+        (ours, core, _), (game, game_core, _) = in_turn(works, repeats)
+        found.append((occupied, ours / game, core / game_core))
+        if ours > 3 * game:
+            method = f"porous, certified, system {seed} of {len(maps)} maps"
+            judged = {"ratio": ours / game, "core_ratio": core / game_core, "wanted": "<= 3"}
+            table.add(question, method, occupied, "voxels", ours, core, **judged)
+    for least in (0, 1000):
+        ratios = np.array([ratios for occupied, *ratios in found if occupied >= least])
+        for name, share in (("median", 0.5), ("19 of 20", 0.95), ("all", 1.0)):
+            wall, core = np.quantile(ratios, share, axis=0, method="higher")
+            method = f"porous / game: {name} of {len(ratios)} with {least} voxels or more, at most"
+            table.add(question, method, ratio=wall, core_ratio=core, wanted="<= 3")
 
 
 def warm(body):
@@ -725,7 +775,18 @@ def growth(table):
 
 def main():
     table = Table()
-    for part in (copies, attractors, overlap, filled, grown, surfaces, others, sponge, growth):
+    for part in (
+        copies,
+        attractors,
+        random_systems,
+        overlap,
+        filled,
+        grown,
+        surfaces,
+        others,
+        sponge,
+        growth,
+    ):
         part(table)
     table.write()
 
