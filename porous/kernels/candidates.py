@@ -178,6 +178,15 @@ def near(shift, start, span, masks, at, first, second):
 
 
 @kernel
+def mark_one(marks, free, shift, i, j, k):
+    """Mark a voxel."""
+    marks[i, j, k] = 1
+    i, j, k = i + shift[0], j + shift[1], k + shift[2]
+    place = np.uint64((i & 3) << 4 | (j & 3) << 2 | k & 3)
+    free[i >> 2, j >> 2, k >> 2] &= ~(np.uint64(1) << place)
+
+
+@kernel
 def mark(marks, free, shift, span, masks, at):
     """Mark the voxels of a row of masks that are in a small span."""
     x0, x1, y0, y1, z0, z1 = span
@@ -185,8 +194,7 @@ def mark(marks, free, shift, span, masks, at):
         for j in range(y0, y1 + 1):
             row, place = _column(i + shift[0], j + shift[1])
             for k in range(z0, z1 + 1):
-                k_in = k + shift[2]
-                bit = np.uint64(1) << (place | np.uint64(k_in & 3))
-                if masks[at, row | (k_in & 4) >> 2] & bit:
-                    marks[i, j, k] = 1
-                    free[(i + shift[0]) >> 2, (j + shift[1]) >> 2, k_in >> 2] &= ~bit
+                along = k + shift[2]
+                bit = np.uint64(1) << (place | np.uint64(along & 3))
+                if masks[at, row | (along & 4) >> 2] & bit:
+                    mark_one(marks, free, shift, i, j, k)

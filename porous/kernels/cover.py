@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from porous.kernels._shared import kernel, source
-from porous.kernels.candidates import EVERY, SMALL, any_left, left, mark, near, within
+from porous.kernels.candidates import EVERY, SMALL, any_left, left, mark, mark_one, near, within
 from porous.kernels.hulls import support
 
 if TYPE_CHECKING:
@@ -153,20 +153,16 @@ def _middle(nodes, at, a, blocks, state):
 
 
 @kernel
-def _stamp(marks, start, nodes, at, points, state):
+def _stamp(marks, free, shift, corner, rows, points, state):
     # Mark the voxel of an attractor's point.
-    inside = True
-    place = (np.int64(0), np.int64(0), np.int64(0))
-    for a in range(3):
-        value = nodes[at, a, 3]
-        for b in range(3):
-            value += nodes[at, a, b] * points[state, b]
-        value = np.floor(value) - start[a]
-        inside = inside and value >= 0.0 and value < marks.shape[a]
-        if inside:
-            place = (place[1], place[2], np.int64(value))
-    if inside:
-        marks[place] = 1
+    x, y, z = rows
+    u, v, w = points[state, 0], points[state, 1], points[state, 2]
+    i = np.int64(np.floor(x[0] * u + x[1] * v + x[2] * w + x[3])) - corner[0]
+    j = np.int64(np.floor(y[0] * u + y[1] * v + y[2] * w + y[3])) - corner[1]
+    k = np.int64(np.floor(z[0] * u + z[1] * v + z[2] * w + z[3])) - corner[2]
+    inside = i >= 0 and j >= 0 and k >= 0
+    if inside and i < marks.shape[0] and j < marks.shape[1] and k < marks.shape[2]:
+        mark_one(marks, free, shift, i, j, k)
 
 
 @kernel
@@ -331,7 +327,7 @@ def _descend(
             elif whole:
                 mark(marks, free, shift, span, masks, top)
             else:
-                _stamp(marks, start, nodes, top, points, target)
+                _stamp(marks, free, shift, corner, rows, points, target)
     return top, steps, False
 
 
