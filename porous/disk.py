@@ -10,6 +10,7 @@ import re
 import secrets
 import shutil
 import stat
+from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -414,13 +415,16 @@ def _move_in(target: Path, pieces: Iterable[bytes]) -> None:
 def _fill(temporary: Path, pieces: Iterable[bytes]) -> None:
     # The mode is the user's own: what umask leaves of it, as for every file.
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-    try:
+    with contextlib.ExitStack() as ends:
+        ends.callback(os.close, handle)
+        # Threads may make the pieces. Of who is given up they end here: not whenever, and in
+        # whichever thread, its memory is collected.
+        if isinstance(pieces, Generator):
+            ends.callback(pieces.close)
         done = 0
         for piece in pieces:
             done += _write_all(handle, piece, done)
         os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _write_all(handle: int, piece: bytes, before: int) -> int:

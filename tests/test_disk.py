@@ -127,6 +127,25 @@ def test_whatever_the_chunks_raise_comes_through_and_leaves_the_old_file(target,
     assert target.read_bytes() == OLD
 
 
+def test_who_makes_the_pieces_is_ended_where_writing_ends(target, monkeypatch):
+    ended = []
+
+    def pieces():
+        try:
+            yield from CHUNKS
+        finally:
+            ended.append(True)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "no room")
+
+    monkeypatch.setattr(os, "write", full)
+    kept = pieces()
+    with pytest.raises(DiskError):
+        disk.write_bytes(target, kept)
+    assert ended
+
+
 def test_short_writes_are_gone_on_with(target, monkeypatch):
     real = os.write
     monkeypatch.setattr(os, "write", lambda handle, data: real(handle, bytes(data[:1234])))
