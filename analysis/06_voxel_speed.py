@@ -41,7 +41,7 @@ RESULTS = Path(os.environ.get("POROUS_RESULTS", Path(__file__).parent / "results
 TILE = (128, 128, 128)
 SIDE = 256
 POINTS_PER_VOXEL = 10
-SYSTEMS = 100
+SYSTEMS, SLOWEST = 100, 8
 
 
 def best(work, repeats):
@@ -320,32 +320,27 @@ def random_maps(random):
 
 
 def random_systems(table):
-    """Time certified covers of random systems that do not overlap much, and name the slow ones."""
-    question, found = "certified cover, ε = h/2, random systems, 128 to 512", []
+    """Time certified covers of random systems, and name the slowest."""
+    question, found = f"certified cover, ε = h/2, {SYSTEMS} random systems, 128 to 512", []
     for seed in range(SYSTEMS):
         random = np.random.default_rng(seed)
         maps, voxels = random_maps(random), int(random.choice([128, 256, 256, 512]))
-        if sum(abs(np.linalg.det(matrix)) for matrix, _ in maps) > 1:
-            continue
         body = Attractor(maps, voxels)
         occupied = int(body.covered(2).sum())
-        works = [
-            lambda b=body: b.covered(2),
-            lambda b=body, n=occupied: b.game(POINTS_PER_VOXEL * n),
-        ]
+        count = POINTS_PER_VOXEL * occupied
+        works = [lambda b=body: b.covered(2), lambda b=body, n=count: b.game(n)]
         repeats = 9 if occupied < 10**5 else 2
         (ours, core, _), (game, game_core, _) = in_turn(works, repeats)
-        found.append((occupied, ours / game, core / game_core))
-        if ours > 3 * game:
-            method = f"porous, certified, system {seed} of {len(maps)} maps"
-            judged = {"ratio": ours / game, "core_ratio": core / game_core, "wanted": "<= 3"}
-            table.add(question, method, occupied, "voxels", ours, core, **judged)
-    for least in (0, 1000):
-        ratios = np.array([ratios for occupied, *ratios in found if occupied >= least])
-        for name, share in (("median", 0.5), ("19 of 20", 0.95), ("all", 1.0)):
-            wall, core = np.quantile(ratios, share, axis=0, method="higher")
-            method = f"porous / game: {name} of {len(ratios)} with {least} voxels or more, at most"
-            table.add(question, method, ratio=wall, core_ratio=core, wanted="<= 3")
+        name = f"system {seed} of {len(maps)} maps"
+        found.append((ours / game, core / game_core, name, occupied, ours, core))
+    for ratio, core_ratio, name, occupied, ours, core in sorted(found, reverse=True)[:SLOWEST]:
+        both = {"ratio": ratio, "core_ratio": core_ratio}
+        table.add(question, f"porous, certified, {name}", occupied, "voxels", ours, core, **both)
+    ratios = np.array([row[:2] for row in found])
+    for name, share in (("half", 0.5), ("nine of ten", 0.9), ("all", 1.0)):
+        wall, core = np.quantile(ratios, share, axis=0, method="higher")
+        method = f"porous, certified, {name} of them at most"
+        table.add(question, method, ratio=wall, core_ratio=core, wanted="<= 3")
 
 
 def warm(body):
